@@ -127,6 +127,8 @@ class Layout:
                 "no counter and no time stamp: samples are counted by their cycle time, and a frame that is lost while "
                 "the computer is late may be taken for one that came late"
             )
+            if framing is not None and framing.kind == "datagram":
+                yield "no counter and no time stamp: a datagram that the network repeats or delays counts as a sample"
         if framing is None and CRC not in self.first.message.signals:
             yield "no CRC: a frame that is altered behind the CAN controller is not noticed"
         if framing is not None and framing.crc is None:

@@ -116,6 +116,14 @@ MISTAKES = {
 }
 
 
+def test_a_unit_on_udp_without_a_counter_is_told_what_the_network_can_do(tmp_path, monkeypatch):
+    heard = "unit UDP-3: no counter and no time stamp: a datagram that the network repeats or delays"
+    (_, said), *_ = answers(tmp_path, monkeypatch, [])
+    assert heard not in said
+    (code, said), *_ = answers(tmp_path, monkeypatch, [("      counter: {id: 0, start: 64, length: 16}\n", "")])
+    assert (code, heard in said) == (0, True)
+
+
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_refused_by_all_in_the_same_words_and_nothing_is_left(tmp_path, monkeypatch, mistake):
     (code, said), *others = answers(tmp_path, monkeypatch, [mistake.split(" -> ")])
