@@ -136,6 +136,11 @@ class Framing:
         """Bytes of the longest packet, in whole words of eight."""
         return -(-(self.length or self.longest) // 8) * 8
 
+    def taken(self, length: int) -> list[tuple[str, range]]:
+        """Bytes of a packet of this length that no signal can have, by what they are."""
+        check = 0 if self.crc is None else self.crc.size
+        return [("header", range(len(self.header))), ("CRC or sum", range(length - check, length))]
+
     def wrong(self, packet: bytes) -> bool:
         """Whether a packet is not whole."""
         if len(packet) > self.longest if self.length is None else len(packet) != self.length:

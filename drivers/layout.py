@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from drivers.errors import ConfigError
+from drivers.framing import Framing
 from drivers.states import RAW, VALID, States
 from drivers.units import USUAL, conversion
 from drivers.wire import Message, Signal, described, load_dbc
@@ -119,15 +120,19 @@ class Layout:
         own = {self.output: self.first.channels[self.output]}
         return own | {name: place for source in (self.first, *self.others) for name, place in source.channels.items()}
 
-    def lacks(self) -> Iterator[str]:
-        """What the unit does not say, and what is lost by it."""
+    def lacks(self, framing: Framing | None = None) -> Iterator[str]:
+        """What the unit does not say, and what is lost by it; `framing` is that of its line, None on CAN."""
         if self.first.counter is None and self.stamp is None:
             yield (
                 "no counter and no time stamp: samples are counted by their cycle time, and a frame that is lost while "
                 "the computer is late may be taken for one that came late"
             )
-        if CRC not in self.first.message.signals:
+            if framing is not None and framing.kind == "datagram":
+                yield "no counter and no time stamp: a datagram that the network repeats or delays counts as a sample"
+        if framing is None and CRC not in self.first.message.signals:
             yield "no CRC: a frame that is altered behind the CAN controller is not noticed"
+        if framing is not None and framing.crc is None:
+            yield "no CRC and no sum: a packet that is altered on its way is not noticed"
         if self.beat is None or "serial" not in self.beat.signals:
             yield "no serial number: another unit in the place of this one is not noticed"
         if self.beat is None or "state" not in self.beat.signals:
@@ -157,10 +162,10 @@ def converted(channel: str, message: Message, signal: Signal) -> tuple[Signal, f
     """
     try:
         if not signal.unit:
-            raise ConfigError("no unit: the DBC must state it")
+            raise ConfigError("state it in the DBC, or as `unit` in `signals`")
         found = conversion(signal.unit, _KEPT["temperature" if THERMOMETERS.fullmatch(channel) else channel], channel)
     except ConfigError as error:
-        raise ConfigError(f"{message.name}.{signal.name} has the unit '{signal.unit}': {error}") from None
+        raise ConfigError(f"{channel}: {message.name}.{signal.name} has the unit '{signal.unit}': {error}") from None
     if not found.offset:
         return signal, found.factor
     shift = found.offset / found.factor
@@ -210,6 +215,10 @@ class _Mapped:
         self._watch()
         places = {name: found for name, where in self._map.channels.items() if (found := self._find(where, name))}
         counters = [found for where in self._map.counters if (found := self._find(where, "counter"))]
+        self._each_once([*places.items(), *(("counter", found) for found in counters)])
+        for message, signal in counters:
+            if signal.is_float or signal.signed:
+                self._wrong.append(f"counter: {message.name}.{signal.name} must be an unsigned integer")
         groups: dict[tuple[str, object], dict[str, tuple[Signal, float]]] = {}
         for name, (message, signal) in places.items():
             if got := self._tried(lambda name=name, m=message, s=signal: converted(name, m, s)):  # type: ignore[misc]
@@ -243,6 +252,13 @@ class _Mapped:
         except ConfigError as error:
             self._wrong.append(str(error))
             return None
+
+    def _each_once(self, places: Sequence[tuple[str, tuple[Message, Signal]]]) -> None:
+        """No two things that a unit sends are the same signal."""
+        seen: dict[tuple[str, str], str] = {}
+        for what, (message, signal) in places:
+            if (other := seen.setdefault((message.name, signal.name), what)) != what:
+                self._wrong.append(f"{other} and {what} are the same signal, {message.name}.{signal.name}")
 
     def _source(
         self, name: str, channels: Mapping[str, tuple[Signal, float]], counters: Sequence[tuple[Message, Signal]]

@@ -23,7 +23,7 @@ import serial
 
 from drivers.can_record import FLAG_ERROR, FLAG_EXTENDED
 from drivers.daq import SCHEME, DaqLine
-from drivers.errors import ConfigError
+from drivers.errors import ConfigError, one_line
 from drivers.frames import NO_FRAMES, to_frames
 from drivers.framing import Deframer, Framing
 from drivers.journal import FrameArray
@@ -74,6 +74,23 @@ class SerialLine:
         self._port.close()
 
 
+def refusal(channel: str, baudrate: int | None, options: Mapping[str, Any]) -> str | None:
+    """Why a channel of packets can never be opened, whatever is connected; None: it may be there."""
+    scheme = channel.partition(":")[0]
+    if scheme in ("memory", "daq"):
+        return None
+    try:
+        if scheme in ("udp", "udp-to"):
+            return None if urlsplit(channel).port is not None else f"is {channel!r}: {_NO_PORT}"
+        serial.serial_for_url(channel, baudrate=baudrate or 115_200, do_not_open=True, **options)
+    except (ValueError, TypeError) as error:
+        return f"is {channel!r}: {one_line(error)}; see `channel`, `bitrate` and `options`"
+    return None
+
+
+_NO_PORT = "must name a port, as in udp://0.0.0.0:5005"
+
+
 class UdpLine:
     """A UDP port that is listened at; with `udp-to://HOST:PORT` one that is sent to."""
 
@@ -81,7 +98,7 @@ class UdpLine:
         url = urlsplit(channel)
         host, port = url.hostname or "0.0.0.0", url.port
         if port is None:
-            raise ConfigError(f"channel {channel}: must name a port, as in udp://0.0.0.0:5005")
+            raise ConfigError(f"channel {channel}: {_NO_PORT}")
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:

@@ -78,8 +78,7 @@ class Register:
     def __post_init__(self) -> None:
         if (self.type == "ascii") != (self.words > 0):
             raise ValueError("words must be given for an ascii register, and only for it")
-        if self.scale == 0 or (self.type in ("ascii", "float32") and self.scale != 1):
-            raise ValueError("scale must not be 0, and is only allowed for integers")
+        self._check_numbers()
         if self.values and self.type not in ("uint16", "bit"):
             raise ValueError("a register with values must be a uint16 or a bit")
         if (self.type == "bit") != (self.read in (1, 2)) or (self.write == 5) != (self.is_bit and bool(self.write)):
@@ -93,13 +92,28 @@ class Register:
         if self.mask is not None:
             self._check_mask(self.mask)
         if unknown := {*self.normal, *self.alarming} - set(self.values):
-            raise ValueError(f"{', '.join(sorted(unknown))} not among the values")
+            known = ", ".join(self.values) or "none"
+            raise ValueError(f"{', '.join(sorted(unknown))} not among the values; known: {known}")
+
+    def _check_numbers(self) -> None:
+        if self.scale == 0 or (self.type in ("ascii", "float32") and self.scale != 1):
+            raise ValueError("scale must not be 0, and is only allowed for integers")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low is {self.low:g}, above high, {self.high:g}: exchange them")
 
     def _check_mask(self, mask: int) -> None:
         if self.type != "uint16" or not self.values:
             raise ValueError("a mask needs values and the type uint16")
         if outside := [name for name, code in self.values.items() if code & ~mask]:
             raise ValueError(f"bits of {', '.join(outside)} are outside the mask {mask:#x}")
+
+    def collides(self, other: Register) -> bool:
+        """Whether both take the same address; two that tell bits of one word apart do not."""
+        if self.read != other.read or self.end <= other.address or other.end <= self.address:
+            return False
+        if self.mask is not None and other.mask is not None:
+            return bool(self.mask & other.mask)
+        return (self.mask, other.mask) == (None, None) or bool(self.write or other.write)
 
     @property
     def is_bit(self) -> bool:

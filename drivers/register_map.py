@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import combinations
 from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
@@ -17,9 +18,12 @@ from pydantic.dataclasses import dataclass
 
 from drivers.errors import ConfigError, LimitError
 from drivers.register import MAX_BLOCK_WORDS, STRICT, Register, Text, Value
+from drivers.yaml12 import PlacedError
 
 Seconds = Annotated[FiniteFloat, Field(ge=0, le=3600)]
 
+_NEEDED = ("temperature", "setpoint")
+_DEGC = ("working_setpoint", "setpoint_low", "setpoint_high")
 _STATES = {"door": {"open", "closed"}, "sensor_break": {"ok", "broken"}, "compressor": {"off", "on"}}
 """Registers that the driver uses by name, and the values that they must have."""
 
@@ -142,6 +146,7 @@ class RegisterMap:
 
     def __post_init__(self) -> None:
         self._check_names()
+        self._check_addresses()
         self._check_writable()
         self._check_states()
         if self.eeprom_writes is not None and self.ramp is None:
@@ -160,26 +165,45 @@ class RegisterMap:
             raise ValueError(str(error)) from None
 
     def _check_names(self) -> None:
-        rules = {rule.register for rule in self.identify}
-        named = {"temperature", "setpoint", *self.setpoint_copies, *self.poll, *self.secondary, *rules, *self.decimals}
-        named |= {self.run.register, self.run.state, *self._ramp_settings()}
-        if missing := named - set(self.registers):
-            raise ValueError(f"no register {', '.join(sorted(missing))}")
+        rules = tuple(rule.register for rule in self.identify)
+        named = {"registers": _NEEDED, "poll": self.poll, "secondary": self.secondary, "identify": rules}
+        named |= {"run": (self.run.register, self.run.state), "ramp": self._ramp_settings()}
+        named |= {"setpoint_copies": self.setpoint_copies}
+        for place, names in named.items():
+            if missing := [name for name in names if name not in self.registers]:
+                known = ", ".join(self.registers)
+                raise PlacedError(f"no register {', '.join(missing)}; described are {known}", (place,))
+        for name, register in self.registers.items():
+            if register.decimals and register.decimals not in self.registers:
+                raise PlacedError(f"no register {register.decimals}", ("registers", name, "decimals"))
         if self.unit_register is not None and self.unit_register not in rules:
-            raise ValueError(f"unit_register {self.unit_register} has no identify rule")
-        needed = {"temperature", "setpoint", self.run.state}
+            raise PlacedError(f"unit_register {self.unit_register} has no identify rule", ("unit_register",))
+        needed = {*_NEEDED, self.run.state}
         if not needed <= set(self.poll):
-            raise ValueError(f"poll must contain {', '.join(sorted(needed))}")
+            raise PlacedError(f"poll must contain {', '.join(sorted(needed))}", ("poll",))
         for register in self.registers.values():
             if self.sources and not any(re.search(rf"\b{re.escape(c)}\b", register.source) for c in self.sources):
                 raise ValueError(
                     f"{register.name}: source {register.source!r} does not contain any of {', '.join(self.sources)}"
                 )
 
+    def _check_addresses(self) -> None:
+        for one, other in combinations(self.registers, 2):
+            if self[one].collides(self[other]):
+                first, last = self[other].address, self[other].end - 1
+                text = f"takes address {first}" if first == last else f"takes addresses {first} to {last}"
+                text += f", as {one} does; correct one of them, or give both a `mask`"
+                raise PlacedError(text, ("registers", other, "address"))
+        for name in {*_NEEDED, *_DEGC, *self.setpoint_copies} & set(self.registers):
+            if self[name].unit not in ("", "degC"):
+                text = f"is {self[name].unit!r}: the bench reads degC; set the controller to degC"
+                raise PlacedError(text, ("registers", name, "unit"))
+
     def _check_writable(self) -> None:
         for name in ("setpoint", *self.setpoint_copies, self.run.register, *self._ramp_settings()):
             if self[name].write is None:
-                raise ValueError(f"register {name} must be writable")
+                text = f"register {name} must be writable: add `write`, the function code that writes it"
+                raise PlacedError(text, ("registers", name))
 
     def _check_states(self) -> None:
         for name, values in _STATES.items():

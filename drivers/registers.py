@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from drivers import yaml12
 from drivers.errors import ConfigError
@@ -26,6 +27,7 @@ __all__ = [
     "is_map_file",
     "list_maps",
     "load_map",
+    "map_text",
     "parse_map",
 ]
 
@@ -63,8 +65,13 @@ def is_map_file(name_or_path: str | Path) -> bool:
 def load_map(name_or_path: str | Path) -> RegisterMap:
     """The map of a controller model, by the name of a shipped map or by the path of a YAML file.
 
-    Raises ConfigError with file, line and the nearest known key.
+    Raises ConfigError with everything that is wrong, with file, line and the nearest known key.
     """
+    return parse_map(*map_text(name_or_path))
+
+
+def map_text(name_or_path: str | Path) -> tuple[str, str]:
+    """The text of a map, and how errors name it; ConfigError where there is none."""
     path = Path(name_or_path)
     try:
         if is_map_file(path):
@@ -74,8 +81,9 @@ def load_map(name_or_path: str | Path) -> RegisterMap:
         else:
             raise ConfigError(f"no register map {str(name_or_path)!r}; shipped are {', '.join(list_maps())}")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"register map {path}: {error}") from error
-    return parse_map(text, str(name_or_path))
+        why = error.strerror if isinstance(error, OSError) else "is not text in UTF-8"
+        raise ConfigError(f"register map {path}: {why}") from error
+    return text, str(name_or_path)
 
 
 def parse_map(text: str, where: str) -> RegisterMap:
@@ -99,17 +107,23 @@ def parse_map(text: str, where: str) -> RegisterMap:
 
 
 def _explain(error: ValidationError, document: yaml12.Document) -> str:
-    """First error as file, line, key, value, what is allowed, and the nearest known key."""
-    problems = error.errors()
-    first = next((entry for entry in problems if entry["type"] == "unexpected_keyword_argument"), problems[0])
-    place, kind = first["loc"], first["type"]
+    """Every error as file, line, key, value, what is allowed, and the nearest known key."""
+    found = sorted(dict.fromkeys(_located(entry, document) for entry in error.errors()))
+    return "\n".join(f"{document.file}:{line}: {text}" for line, text in found)
+
+
+def _located(entry: ErrorDetails, document: yaml12.Document) -> tuple[int, str]:
+    """Line and text of one error."""
+    kind = entry["type"]
+    place = (*entry["loc"], *getattr(entry.get("ctx", {}).get("error"), "place", ()))
     if kind == "unexpected_keyword_argument":
-        known = [entry.name for entry in fields(_KEYS[str(place[0])] if len(place) > 1 else RegisterMap)]
+        known = [one.name for one in fields(_KEYS[str(place[0])] if len(place) > 1 else RegisterMap)]
         near = difflib.get_close_matches(str(place[-1]), known, 1)
         text = "unknown key" + (f"; did you mean {near[0]}?" if near else f"; known are {', '.join(known)}")
     else:
-        allowed = _WORDS.get(kind) or first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-        simple = isinstance(first["input"], str | int | float) and kind != "value_error"
-        text = f"is {first['input']!r}; it {allowed}" if simple else allowed
+        message = entry["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+        allowed = _WORDS.get(kind) or message
+        simple = isinstance(entry["input"], str | int | float) and kind != "value_error"
+        text = f"is {entry['input']!r}; it {allowed}" if simple else allowed
     where = ".".join(map(str, place))
-    return f"{document.file}:{document.line(place)}: {f'{where}: ' if where else ''}{text}"
+    return document.line(place), f"{f'{where}: ' if where else ''}{text}"

@@ -29,7 +29,7 @@ USUAL: Mapping[str, tuple[str, ...]] = {
 """Units that a quantity is usually given in, by the unit that the bench keeps it in."""
 
 _SPELLINGS = {
-    "c": "degC", "°c": "degC", "℃": "degC", "deg_c": "degC", "degc": "degC", "celsius": "degC",
+    "c": "degC", "°c": "degC", "deg_c": "degC", "degc": "degC", "celsius": "degC",
     "f": "degF", "°f": "degF", "degf": "degF", "k": "kelvin", "deg/s": "degree/second", "°/s": "degree/second",
     "deg/h": "degree/hour", "°/h": "degree/hour", "rad/s": "radian/second",
     "dph": "degree/hour", "dps": "degree/second", "mdps": "millidegree/second", "udps": "microdegree/second",
@@ -40,6 +40,15 @@ _SPELLINGS = {
     "h": "hour", "hr": "hour", "grad": "", "grad/s": "", "grad/h": "", "grad/sec": "", "grad/min": "", "grad_s": "",
 }  # fmt: skip
 """Spellings of the trade where pint reads something else (C is coulomb to it) or nothing; "" is ambiguous."""
+_WORDS = {
+    "deg": "град 度", "s": "с сек 秒", "ms": "мс 毫秒", "us": "мкс 微秒", "min": "хв мин 分", "h": "год ч 小时",
+    "rad": "рад 弧度", "degC": "摄氏度", "degF": "华氏度", "K": "к 开", "V": "в 伏", "mV": "мв 毫伏", "Hz": "гц 赫兹",
+}  # fmt: skip
+_WORD = {word: latin for latin, words in _WORDS.items() for word in words.split()}
+"""Units as they are written in Ukrainian, Russian and Chinese."""
+_FOREIGN = re.compile(r"[\u0400-\u04ff]+|[\u4e00-\u9fff]+")
+_PER = re.compile(r"(\S+?)(?:\s*[*·.]\s*|\s+)([^\W\d]+)(?:\^|\*\*)?\(?[-−⁻]([1-9¹²³])\)?")
+"""A product with a negative power, such as deg s-1, °·s⁻¹ or m s^-2."""
 _SIGNS = re.compile(r"[\w°µ/*^()·⁻¹²³%. -]+")
 """What units consist of; pint leaves out other signs, and would read °/√h as °/h."""
 
@@ -68,22 +77,23 @@ class Conversion:
 
 def conversion(unit: str, kept: str, what: str) -> Conversion:
     """From `unit` into one of `USUAL`; ConfigError, which names `what`, for an unknown one or one of something else."""
-    # A DBC in UTF-8 may be read as Windows-1252; keyboards have other signs that look like that of the degree.
-    unit = re.sub("Â°|º|˚", "°", unit.strip(" "))
+    spelled, unit = unit, _usual(unit)
     if unit in {kept, ""}:
         return Conversion()
     if (unit, kept) in _AT_ONCE:
         return Conversion(_AT_ONCE[unit, kept])
     given, allowed = _parse(unit, kept), ", ".join(USUAL[kept])
     if given is None and _SPELLINGS.get(_plain(unit)) == "":
-        raise ConfigError(f"'{unit}' has two meanings{_MEANINGS.get(unit.lower()[:4], '')}; {what} may be in {allowed}")
+        raise ConfigError(
+            f"'{spelled}' has two meanings{_MEANINGS.get(unit.lower()[:4], '')}; {what} may be in {allowed}"
+        )
     if given is None:
-        raise ConfigError(f"'{unit}' is not a unit that is known; {what} may be in {allowed}")
+        raise ConfigError(f"'{spelled}' is not a unit that is known; {what} may be in {allowed}")
     registry = _registry()
     goal = registry.Unit(_GOALS[kept])
     # Roots, not dimensions: the radian has none, and would let Hz pass for a rate.
     if registry.get_root_units(given)[1] != registry.get_root_units(goal)[1]:
-        raise ConfigError(f"'{unit}' does not measure {what}; it may be in {allowed}")
+        raise ConfigError(f"'{spelled}' does not measure {what}; it may be in {allowed}")
     zero = float(registry.Quantity(0.0, given).to(goal).magnitude)
     large = float(registry.Quantity(1e6, given).to(goal).magnitude)
     return Conversion((large - zero) / 1e6, zero)  # far from the offset: keeps all digits
@@ -91,6 +101,7 @@ def conversion(unit: str, kept: str, what: str) -> Conversion:
 
 def is_unit(text: str) -> bool:
     """The text is the unit of something that the bench keeps."""
+    text = _usual(text)
     if _plain(text) in _SPELLINGS:
         return _SPELLINGS[_plain(text)] != "" or text == "MHz"
     return bool(re.fullmatch(r"[a-zA-Zµμ°]+(/[a-zA-Z]+)?", text)) and ("/" in text or text in {"degC", "degF", "K"})
@@ -108,6 +119,19 @@ def _parse(unit: str, kept: str) -> Any:
         return _registry().Unit(spelled) if spelled else None
     except Exception:  # pint, its parser and its tokenizer fail in many ways at text that is no unit
         return None
+
+
+def _usual(unit: str) -> str:
+    """The same in Latin letters, with a slash before what it is divided by."""
+    # A DBC in UTF-8 may be read as Windows-1252; keyboards have other signs that look like that of the degree.
+    unit = re.sub("Â°|º|˚", "°", unit.strip(" ").replace("℃", "°C").replace("℉", "°F"))
+    unit = re.sub("° ?[Сс](?![\u0400-\u04ff])", "°C", unit)  # a Cyrillic letter that looks like that of Celsius
+    unit = _FOREIGN.sub(lambda found: _WORD.get(found[0].lower(), found[0]), unit)
+    product = _PER.fullmatch(unit)
+    if product is None:
+        return unit
+    power = product[3].translate(str.maketrans("¹²³", "123"))
+    return f"{product[1]}/{product[2]}" + ("" if power == "1" else f"^{power}")
 
 
 def _plain(unit: str) -> str:

@@ -273,7 +273,16 @@ def load_dbc(path_or_name: str | Path) -> dict[str, Message]:
     path = Path(path_or_name)
     if path.suffix.lower() != ".dbc":
         path = _DBC_FOLDER / f"{path_or_name}.dbc"
-    return dict(_load(path.resolve()))
+        if not path.is_file():
+            raise ConfigError(f"no gyro {str(path_or_name)!r} is shipped: {_shipped()}; a DBC of your own ends in .dbc")
+    path = path.resolve()
+    changed = path.stat() if path.is_file() else None
+    return dict(_load(path, None if changed is None else (changed.st_mtime_ns, changed.st_size)))
+
+
+def _shipped() -> str:
+    """Names of the shipped gyros."""
+    return ", ".join(sorted(file.stem for file in _DBC_FOLDER.glob("*.dbc")))
 
 
 def read_layouts(path: Path) -> dict[str, Message]:
@@ -284,10 +293,10 @@ def read_layouts(path: Path) -> dict[str, Message]:
     try:
         database: Any = cantools.database.load_file(path, strict=True)
     except OSError as error:
-        shipped = ", ".join(sorted(file.stem for file in _DBC_FOLDER.glob("*.dbc")))
-        raise ConfigError(f"DBC {path}: {error.strerror} (shipped families: {shipped})") from None
+        raise ConfigError(f"DBC {path}: {error.strerror} (shipped families: {_shipped()})") from None
     except Exception as error:  # cantools raises its own errors and those of its parsers
-        raise ConfigError(f"DBC {path}: {' '.join(str(error).split())}") from error
+        text = " ".join(str(error).split()).removeprefix("DBC: ").strip('"')
+        raise ConfigError(f"DBC {path}: {text}") from error
     if not isinstance(database, cantools.database.Database):
         raise ConfigError(f"DBC {path}: describes diagnostics, not frames")
     seen: dict[tuple[int, bool], str] = {}
@@ -301,7 +310,10 @@ def read_layouts(path: Path) -> dict[str, Message]:
     return {message.name: _message(message) for message in database.messages}
 
 
-_load = lru_cache(maxsize=16)(read_layouts)
+@lru_cache(maxsize=16)
+def _load(path: Path, changed: tuple[int, int] | None) -> dict[str, Message]:
+    """The messages as long as the file does not change; `changed` is when it last did, and its size."""
+    return read_layouts(path)
 
 
 def described(signals: Sequence[Mapping[str, Any]]) -> dict[str, Message]:

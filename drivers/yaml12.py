@@ -16,7 +16,7 @@ from typing import Any
 
 import yaml
 
-__all__ = ["Document", "Place", "YamlError", "dump", "parse"]
+__all__ = ["Document", "Place", "PlacedError", "YamlError", "dump", "parse"]
 
 Place = tuple[str | int, ...]
 """Where a value stands: keys and list positions from the top of the file."""
@@ -38,6 +38,14 @@ class YamlError(ValueError):
     def __init__(self, text: str, line: int | None = None) -> None:
         super().__init__(text)
         self.line = line
+
+
+class PlacedError(ValueError):
+    """Raised in a model's validator about something deeper inside: its place gives the line."""
+
+    def __init__(self, text: str, place: Place) -> None:
+        super().__init__(text)
+        self.place = place
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,34 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
+FENCE = re.compile(r"^(?:<!--((?:(?!-->).)*)-->\n)?```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+"""A block, and the comment above it: `not run: WHY`, `command: NAME` of CI, `file: NAME`, or `first:` and commands."""
+TUTORIAL, WEB = "docs/tutorial.md", "docs/web.md"
+JOURNEYS = {
+    "five minutes": ["README.md"],
+    "one unit": [f"docs/howto/{page}.md" for page in ("production", "runs", "delivery", "centre")],
+    "equipment": [f"docs/howto/{page}.md" for page in ("chamber_map", "lines", "instruments")],
+}
+"""Pages that are pasted one after the other into one folder, each into a shell of its own."""
+
+
+def fences(page):
+    """Comment, language and text of each block of a page."""
+    return [(said.strip(), language, text) for said, language, text in FENCE.findall((ROOT / page).read_text())]
+
+
 def blocks(page):
-    return re.findall(r"```bash\n(.*?)```", page.read_text(), re.DOTALL)
+    """Commands of a page that a reader pastes, those above them that the page does not show, and its files."""
+    names: list[str] = []
+    for said, _, text in fences(page):
+        if said.startswith("file: "):
+            yield f"cat > {said.removeprefix('file: ')} <<'END'\n{text}END\n"
+    for said, language, text in fences(page):
+        if language == "bash" and not said.startswith(("not run: ", "command: ")):
+            first = said.removeprefix("first:")
+            names += re.findall(r"^([A-Z]+\d?)=", first, re.MULTILINE)
+            named = "|".join(names) or "(?!)"
+            yield first + "\n" + re.sub(rf"(?<![\w$-])({named})\b", r"$\1", text)
 
 
 def bash(script, folder):
@@ -35,7 +61,7 @@ def bash(script, folder):
 @pytest.mark.slow(first=True)
 @pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_calibration(tmp_path):
-    *commands, calibrate = blocks(ROOT / "docs" / "tutorial.md")
+    *commands, calibrate = blocks(TUTORIAL)
     # The how-to has the same command, and tests/commands/test_calibrate.py runs it there.
     assert calibrate.strip().removesuffix(" --quiet") in (ROOT / "docs" / "howto" / "production.md").read_text()
     said = bash("\n".join(commands), tmp_path)
@@ -50,10 +76,28 @@ def test_the_tutorial_runs_from_its_first_line_to_its_calibration(tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_commands_about_the_page_run_in_one_shell(tmp_path):
-    said = bash("\n".join(blocks(ROOT / "docs" / "web.md")), tmp_path)
+    said = bash("\n".join(blocks(WEB)), tmp_path)
     assert re.search(r'"request".*"who": ?"\S+ \(engineer\) from 127.0.0.1"', said)
     assert '"safe":true' in said
     assert '"/api/v1/starts/{start}"' in said
+
+
+@pytest.mark.slow(first=True)
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("journey", JOURNEYS)
+def test_the_commands_of_the_pages_run_from_the_first_to_the_last(tmp_path, journey):
+    for page in JOURNEYS[journey]:
+        bash("\n".join(blocks(page)), tmp_path)
+
+
+def test_every_command_of_the_pages_is_run_or_says_why_not():
+    run = {page for pages in JOURNEYS.values() for page in pages} | {TUTORIAL, WEB}
+    for page in (str(page.relative_to(ROOT)) for page in PAGES):
+        for said, language, text in fences(page):
+            command = re.match(r"(bench|pip|python|git|curl|export|bash|sphinx-build) ", text)
+            assert language or not command, f"{page}: mark this block as bash:\n{text}"
+            if language == "bash":
+                assert page in run or said.startswith("not run: "), f"{page} is in no journey:\n{text}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from bench.base.errors import InputError
 from bench.base.spelling import nearest
-from bench.base.yaml12 import Document, Place, dump, parse_yaml, read_text, read_yaml
+from bench.base.yaml12 import Document, Place, PlacedError, dump, parse_yaml, read_text, read_yaml
 
 __all__ = [
     "STRICT",
@@ -51,14 +52,6 @@ _PYDANTIC_WORDS = {
 M = TypeVar("M", bound=BaseModel)
 
 
-class PlacedError(ValueError):
-    """Raised in a model's validator about something deeper inside: its place gives the line."""
-
-    def __init__(self, text: str, place: Place) -> None:
-        super().__init__(text)
-        self.place = place
-
-
 def load_config(source: Path | str | Document, model: type[M]) -> M:
     """A validated model from a YAML file (or from a document already read).
 
@@ -84,7 +77,18 @@ def _details(error: ValidationError) -> list[ErrorDetails]:
     """Every error once: a list whose items are wrong is not also too short."""
     details = error.errors(include_url=False)
     inner = {detail["loc"][:n] for detail in details for n in range(len(detail["loc"]))}
-    return [detail for detail in details if detail["type"] != "too_short" or detail["loc"] not in inner]
+    return [
+        detail
+        for detail in details
+        if (detail["type"] != "too_short" or detail["loc"] not in inner) and not _instead(detail, details)
+    ]
+
+
+def _instead(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
+    """Whether keys and values stand where text may, too: then only what is wrong with them is of interest."""
+    place = detail["loc"][:-1]
+    text = detail["type"] == "string_type" and isinstance(detail["input"], dict)
+    return text and any(other is not detail and other["loc"][: len(place)] == place for other in details)
 
 
 def _explain(detail: ErrorDetails, document: Document, schema: dict[str, Any]) -> tuple[int, str]:
@@ -117,6 +121,8 @@ def _explain(detail: ErrorDetails, document: Document, schema: dict[str, Any]) -
         value = value if len(value) < 60 else _kind(detail["input"])
         said = re.sub(r"^(Input|String) should", "must", detail["msg"])
         allowed = _PYDANTIC_WORDS[kind].format(**context) if kind in _PYDANTIC_WORDS else said
+        if kind == "string_pattern_mismatch" and "examples" in node:
+            allowed = f"must be written like {node['examples'][0]!r}"
         text = f"{where} is {value}: {allowed}"
         if context.get("expected") and isinstance(detail["input"], str):
             text += nearest(detail["input"], re.findall(r"'([^']*)'", context["expected"]))

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from bench.base.errors import InputError
 from drivers import yaml12
-from drivers.yaml12 import Document, Place, dump
+from drivers.yaml12 import Document, Place, PlacedError, dump
 
-__all__ = ["Document", "Place", "dump", "parse_yaml", "read_text", "read_yaml"]
+__all__ = ["Document", "Place", "PlacedError", "dump", "parse_yaml", "read_text", "read_yaml"]
 
 
 def parse_yaml(text: str, file: Path | str) -> Document:

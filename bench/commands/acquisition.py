@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -33,7 +33,7 @@ def station_of(document: Document) -> StationSettings:
     """The station of a file; files that it names are beside it."""
     from bench.acquisition import StationSettings
 
-    return load_config(document, StationSettings).beside(Path(document.file).parent)
+    return load_config(document, StationSettings).beside(document)
 
 
 def load_station(source: Path | Document | None) -> StationSettings:
@@ -111,7 +111,7 @@ def conduct(profile: Path | Document, station: Path | Document | None, task: Tas
 
 def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> Job:
     """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
-    from bench.acquisition import Job, check_profile, load_profile, refuse_errors, wire_findings
+    from bench.acquisition import Job, load_profile
     from bench.commands.ending_early import followed
 
     own = profile if isinstance(profile, Document) else read_yaml(profile)
@@ -121,8 +121,8 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
         text = "its units are real, and send for themselves"
         raise InputError(f"{text}; only units of a simulated station can be sent for", place.file)
     settings.chosen(list(task.senders))
-    refuse_errors([*check_profile(loaded, settings.limits()), *wire_findings(settings, task.senders)])
-    texts = Papers.of_station(settings).texts() | dict(task.texts)
+    papers = refuse_wrong(settings, loaded, task.senders)
+    texts = papers.texts() | dict(task.texts)
     if task.compensation == "off":
         texts |= followed(loaded, task.lot, task.out)
     return Job(
@@ -201,12 +201,24 @@ def _registered(out: Path, where: str | None) -> str:
 
 def check(profile_path: Path, station_path: Path | None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
-    from bench.acquisition import Notifier, check_profile, load_profile, refuse_errors, wire_findings
+    from bench.acquisition import load_profile
 
     profile, station = load_profile(profile_path), load_station(station_path)
-    Notifier(station.notify)  # wrong recipients are told now, not when a run begins
-    refuse_errors([*check_profile(profile, station.limits()), *wire_findings(station)])
+    refuse_wrong(station, profile)
     return check_on(profile, station)
+
+
+def refuse_wrong(station: StationSettings, profile: Profile | None = None, sent: Iterable[str] = ()) -> Papers:
+    """What `bench check`, `bench doctor` and `bench run` refuse before anything is opened; the papers of the station.
+
+    InputError with everything that is wrong with station and profile. `sent`: see `wire_findings`.
+    """
+    from bench.acquisition import Notifier, check_profile, refuse_errors, wire_findings
+
+    about = () if profile is None else check_profile(profile, station.limits())
+    refuse_errors([*about, *wire_findings(station, tuple(sent), () if profile is None else profile.guards)])
+    Notifier(station.notify)  # wrong recipients are told now, not when a run begins
+    return Papers.of_station(station)
 
 
 def check_on(profile: Profile, station: StationSettings) -> Checked:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.base import InputError
-from bench.commands.acquisition import load_station
+from bench.commands.acquisition import load_station, refuse_wrong
 from bench.commands.files import write
 from bench.commands.results.measure import ContractTried, Examined, NoticesTried, Proposed
 
@@ -14,7 +14,9 @@ def doctor(station_path: Path | None, listen_s: float) -> Examined:
     """Everything that the equipment of a station says, compared where there is something to compare with."""
     from bench.acquisition import examine
 
-    return Examined(examine(load_station(station_path), listen_s))
+    station = load_station(station_path)
+    refuse_wrong(station)
+    return Examined(examine(station, listen_s))
 
 
 def propose(station_path: Path | None, listen_s: float, target: Path) -> Proposed:

@@ -77,8 +77,10 @@ def _for(station: StationSettings) -> str:
 def _named(kind: str, station: StationSettings) -> Path | None:
     """The user's own file of a station, or a shipped one of that name; None where it names none and there is none."""
     own, given = own_paper(kind, station), getattr(station, kind)
-    if own.is_file() or (given is not None and is_map_file(given)):
+    if own.is_file():
         return own
+    if given is not None and is_map_file(given):
+        raise InputError(f"{kind}: {own}: no such file", *station.place(kind))
     if given is None:
         return None
     folders = (OWN / kind, library() / kind)
@@ -87,4 +89,4 @@ def _named(kind: str, station: StationSettings) -> Path | None:
             return folder / f"{given}.yaml"
     known = sorted({path.stem for folder in folders for path in folder.glob("*.yaml")})
     said = f"no {kind} file is called '{given}'{nearest_or_all(given, known)}"
-    raise InputError(f"{said}; the name of a file beside the station file ends in .yaml")
+    raise InputError(f"{said}; the name of a file beside the station file ends in .yaml", *station.place(kind))

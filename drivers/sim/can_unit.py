@@ -17,13 +17,18 @@ from drivers.wire import Message
 BOOT_UP, OPERATIONAL = 0, 5
 
 
+def refuse_multiplexed(layout: Layout) -> None:
+    """ConfigError for a layout with multiplexed messages."""
+    if any(source.choice is not None for source in (layout.first, *layout.others)):
+        raise ConfigError("a simulated unit sends no multiplexed messages")
+
+
 class CanUnit:
     """Unit `number` on an open python-can bus; sends the values of its channels sample by sample."""
 
     def __init__(self, bus: can.BusABC, layout: Layout, number: int, serial: int, *, room: int = 8) -> None:
         """`room` is how many bytes its longest frame has. ConfigError for a layout with multiplexed messages."""
-        if any(source.choice is not None for source in (layout.first, *layout.others)):
-            raise ConfigError("a simulated unit sends no multiplexed messages")
+        refuse_multiplexed(layout)
         self.bus, self.layout, self.number, self.serial, self._room = bus, layout, number, serial, room
         self.sample_s = layout.interval_ms * 1e-3
         """True time between two samples [s]."""

@@ -67,6 +67,8 @@ def _explain(item: dict[str, Any]) -> str:
     where = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
         return f"{where}: unknown key"
+    if item["type"] == "union_tag_not_found":
+        return f"{where}: missing key mechanism; known: {', '.join(sorted(MECHANISMS))}"
     if item["type"] == "union_tag_invalid":
         tag = item["ctx"]["tag"]
         near = get_close_matches(tag, MECHANISMS, 1)

@@ -17,7 +17,7 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.fixture import LOOK_S, Fixture
 from bench.acquisition.station.settings.fixture import FixtureSettings
 from bench.acquisition.station.settings.station import StationSettings
-from bench.base import InputError, load_config, parse_yaml, read_yaml
+from bench.base import Document, InputError, load_config, parse_yaml, read_yaml
 from bench.record import ATTITUDES, ExecutedSegment, RunFolder, read_samples, seconds_of
 from drivers.clock import SimClock
 from tests.support import acquisition
@@ -216,7 +216,8 @@ sys.exit("no air pressure" if name == "-x-y_up" else 0)
 
 def test_a_program_turns_the_fixture_and_people_are_asked_where_it_fails(tmp_path):
     (tmp_path / "turn.py").write_text(TURN)
-    own = station(operator="asked", turn=[sys.executable, "turn.py", "{attitude}", "{matrix}"]).beside(tmp_path)
+    own = station(operator="asked", turn=[sys.executable, "turn.py", "{attitude}", "{matrix}"])
+    own = own.beside(Document(str(tmp_path / "station.yaml"), {}, {}))
     desk, asked = Desk(), set()
 
     def answer(station, status):

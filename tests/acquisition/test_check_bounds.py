@@ -79,13 +79,11 @@ def test_the_dbc_is_read_and_two_messages_with_one_identifier_are_one_line(tmp_p
     units = [{**acquisition.station_content()["units"][0], "gyro": str(tmp_path / "two.dbc")}]
     answer = check(tmp_path, SOAK.format(1), units=units)
     assert answer.exit_code == 2
-    text = (
-        f"bench: DBC {tmp_path / 'two.dbc'}: OUT and AGAIN have the same identifier 0x64; give each message its own\n"
-    )
-    assert answer.stderr == text
+    text = f"DBC {tmp_path / 'two.dbc'}: OUT and AGAIN have the same identifier 0x64; give each message its own\n"
+    assert answer.stderr == f"bench: {tmp_path / 'station.yaml'}:1: unit SIM-0001: {text}"
 
 
 def test_a_dbc_that_is_not_there_is_said_before_the_run(tmp_path):
     units = [{**acquisition.station_content()["units"][0], "gyro": "nowhere"}]
     answer = check(tmp_path, SOAK.format(1), units=units)
-    assert (answer.exit_code, "nowhere.dbc: No such file" in answer.stderr) == (2, True)
+    assert (answer.exit_code, "unit SIM-0001: no gyro 'nowhere' is shipped: vibratory" in answer.stderr) == (2, True)

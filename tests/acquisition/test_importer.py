@@ -5,6 +5,7 @@ import io
 import struct
 import subprocess
 import sys
+import zipfile
 from decimal import Decimal
 from pathlib import Path
 
@@ -78,7 +79,7 @@ def test_a_table_is_read_with_any_usual_delimiter_comments_and_a_byte_order_mark
         ),
         ("time,rate,temperature\ns,grad/s,degC\n0,1,20\n1,1,20\n", "FILE: 'grad/s' has two meanings"),
         ("time,rate,temperature,\n0,1,20,\n1,1,20,7\n", "FILE:1: column 4 has no name"),
-        ("time,rate,temperature\n0,1\n1,1,20\nwarm,cold,mild\n", "FILE:2: has 2 fields, the header 3; delete what is"),
+        ("time,rate,temperature\n0,1\n1,1,20\nwarm,cold,mild\n", "FILE:2: has 2 fields, the header 3; delete lines"),
         ("sep=|\ntime,rate,temperature\n0,1,20\n", "FILE:2: has one column"),
     ],
 )
@@ -137,13 +138,47 @@ def test_a_table_of_a_laboratory_is_read_as_it_is_written(tmp_path, name, conten
 
 
 @pytest.mark.parametrize(
+    "header",
+    [
+        "Час, с;Кутова швидкість, °/с;Температура, °C",
+        "Время, с;Угловая скорость, град/с;Температура, °С",
+        "时间(s);角速度(°/s);温度(℃)",
+        "时间（秒）;角速度［度/秒］;温度（℃）",
+        "time (s);rate (deg s-1);temp (degC)",
+        "t, s;gyro, deg*s^-1;temperature, K",
+        "t/s;gyro [°·s⁻¹];T/°C",
+    ],
+)
+def test_names_and_units_of_other_languages_are_read_like_english_ones(tmp_path, header):
+    kelvin = 273.15 if header.endswith("K") else 0.0
+    rows = "".join(f"{t};{1e-3 * t:.3f};{20 + t + kelvin}\n" for t in range(3))
+    plan = plan_import(write(tmp_path, f"{header}\n{rows}"))
+    assert plan.time.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(plan.channels["rate"], [0, 3.6, 7.2], atol=1e-9)
+    np.testing.assert_allclose(plan.channels["temperature"], [20, 21, 22], atol=1e-9)
+
+
+def test_a_zip_archive_with_one_table_is_read_and_one_with_several_names_them(tmp_path):
+    path = tmp_path / "log.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("out/", "")
+        archive.writestr("out/log.csv", "time,rate [deg/h],temp [degC]\n0,1,20\n1,2,21\n")
+    assert plan_import(path).channels["rate"].tolist() == [1, 2]
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("out/other.csv", "")
+    assert "is a zip archive of 2 files: out/log.csv, out/other.csv; " in refusal(path)
+    path.write_bytes(path.read_bytes()[:100])
+    assert "not a readable zip file" in refusal(path)
+
+
+@pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("root.csv", NUMBERED.replace("deg/h", "°/√h"), "FILE: '°/√h' is not a unit that is known; rate may be in"),
         ("sensitivity.csv", NUMBERED.replace("deg/h", "mV/(deg/s)"), "FILE: 'mV/(deg/s)' does not measure rate"),
         ("cyrillic.csv", NUMBERED.replace("time", "время").encode("cp1251"),
          "FILE:1: is neither UTF-8 nor Windows-1252"),
-        ("packed.csv", b"PK\x03\x04" + bytes(40), "FILE: is a zip archive: unpack it"),
+        ("packed.csv", b"PK\x03\x04" + bytes(40), "FILE: not a readable zip file ("),
         ("zone.csv", NUMBERED.replace("\n0", "\n2026-10-25 01:30:00 CEST"),
          "FILE:2: 'time' is '2026-10-25 01:30:00 CEST', no time as it is known; export times as 2026-01-31T14:00"),
         ("nbsp.csv", NUMBERED.replace(",", ";").replace(";20", ";1\xa0020,5"),
@@ -202,7 +237,7 @@ def test_numbers_are_read_to_the_last_digit(tmp_path):
     ("text", "message"),
     [
         ("", "FILE: is empty"),
-        ("# only a comment\n\n", "FILE: holds no table"),
+        ("# only a comment\n\n", "FILE: has no table"),
         ("time,rate,temperature\n", "FILE: holds zero rows"),
         ("0,1,20\n1,1,21\n", "FILE:1: the first line holds numbers, not names"),
         ("time\n1\n2\n", "FILE:1: has one column"),
@@ -249,7 +284,7 @@ def test_files_that_are_not_what_they_say_are_refused(tmp_path):
     assert "not a readable Parquet file" in refusal(write(tmp_path, b"PAR1 nonsense", "x.parquet"))
     assert "not a readable MF4 file" in refusal(write(tmp_path, b"nonsense", "x.mf4"))
     assert "a CAN log needs the description of its frames" in refusal(write(tmp_path, "x", "x.asc"))
-    assert ":1: is no text table (byte 1 in it)" in refusal(write(tmp_path, b"\x01\x02time\n"))
+    assert ":1: is not a text table (byte 1 in it)" in refusal(write(tmp_path, b"\x01\x02time\n"))
     assert "not a readable gzip file" in refusal(write(tmp_path, gzip.compress(b"time,rate\n1,2\n")[:-6], "x.csv.gz"))
     assert "holds no channels of numbers" in refusal(write(tmp_path, b"nonsense", "x.tdms"))
     for ending in ("xlsx", "ulg", "h5"):

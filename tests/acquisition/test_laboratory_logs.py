@@ -233,11 +233,11 @@ LOGS = (
     Log("twice.csv", "two exports in one file", write_text(text() + text()),
         advice="the header stands again; delete that line"),
     Log("labview.lvm", "LabVIEW text with two heads", write_text(LVM),
-        advice="delete what is not of the table, or begin such lines with #"),
+        advice="delete lines that do not belong to the table, or begin them with #"),
     Log("two_sheets.xlsx", "the table is on the second sheet", two_sheets,
         advice="it is the first sheet that is read, 'about'"),
     Log("workspace.mat", "a MATLAB workspace", lambda path: scipy.io.savemat(path, {"rate": DPS}),
-        advice="export it as one of text tables (also .gz), .parquet"),
+        advice="export it as one of text tables (also .gz or .zip), .parquet"),
 )  # fmt: skip
 
 READ = [log for log in LOGS if log.peer is not None]

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.acquisition.profile.guards import OPTIONAL, Signal
-from bench.acquisition.run.signals import Signals, told, told_by
+from bench.acquisition.profile.guards import OPTIONAL, Signal, told_by
+from bench.acquisition.run.signals import Signals, told
 from bench.acquisition.station.links import Link
 from bench.base import INSTRUMENTS
 from drivers.chamber import ChamberReading
@@ -80,7 +80,7 @@ def test_a_chamber_may_take_a_while_to_be_on():
 
 
 def test_what_a_map_and_a_reading_tell_agree_on_the_names():
-    assert {*told_by(load_map("watlow_f4t"))} == {"power", "frozen_s"}
+    assert {*told_by(load_map("watlow_f4t").registers)} == {"power", "frozen_s"}
     everything = ChamberReading(0.0, 23.0, 23.0, 23.0, 1.0, True, (), None, door=False, sensor_break=False)
     assert told(everything) == OPTIONAL - {*INSTRUMENTS}
     assert told(ChamberReading(0.0, 23.0, 23.0, None, None, True, (), None)) == set()

@@ -326,7 +326,7 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
 def how_to(title):
     """The first block of commands of a section of the how-tos."""
     pages = "\n".join(page.read_text() for page in sorted((PROFILES.parent / "docs" / "howto").glob("*.md")))
-    return re.search(rf"## {title}\n+```bash\n(.*?)```", pages, re.DOTALL).group(1)
+    return re.search(rf"## {title}\n+(?:<!--(?:(?!-->).)*-->\n)?```bash\n(.*?)```", pages, re.DOTALL).group(1)
 
 
 @pytest.mark.slow(first=True)

@@ -131,3 +131,20 @@ def test_a_run_of_its_analysis_that_is_not_there_is_asked_for(copied):
     answer = bench("replay", copied)
     assert answer.exit_code == 2
     assert "was analysed with the run 'elsewhere', which is not beside it; name it with --with" in answer.stderr
+
+
+@pytest.mark.slow
+def test_a_later_diagnosis_without_the_isothermal_run_does_not_change_what_the_report_was_made_with(tmp_path):
+    loop = """\
+name: loop
+segments:
+  - {kind: ramp, to_degc: 38, rate_degc_per_min: 1}
+  - {kind: ramp, to_degc: 23, rate_degc_per_min: 1}
+"""
+    still = "name: still\nsegments:\n  - {kind: soak, duration_min: 12}\n"
+    run, static = (run_job(acquisition.job(tmp_path, text)).run.path for text in (loop, still))
+    analyse(run, [load_model("polynomial")], static=static)
+    assert bench("diagnose", run, "--model", "regression").exit_code == 0
+    answer = bench("replay", run, "--json")
+    (content,) = json.loads(answer.stdout)["runs"]
+    assert content["differences"] == []

@@ -171,6 +171,15 @@ def test_every_shipped_map_loads_and_cites_its_sources(name: str):
             "type: bit, write: 6",
             "^small:5: registers.mode: a coil has type: bit",
         ),
+        ("address: 102", "address: 101", "^small:5: registers.mode.address: takes address 101, as setpoint does"),
+        ("scale: 0.1, unit: degC", "scale: 0.1, unit: degF", "^small:3: .*temperature.unit: is 'degF': the bench"),
+        ("low: -80", "low: 980", "^small:3: registers.temperature: low is 980, above high"),
+        ("poll: [temperature, ", "poll: [temprature, ", "^small:6: poll: no register temprature; described are temp"),
+        (
+            "type: int16, scale: 0.1, write: 6",
+            "type: int17, scael: 0.1, write: 6",
+            "^small:4: .*scael: unknown key.*\nsmall:4: registers.setpoint.type: is 'int17'",
+        ),
     ],
 )
 def test_a_wrong_map_is_refused_with_its_place(old: str, new: str, message: str):

@@ -15,16 +15,17 @@ from bench.base import CHANNELS, INSTRUMENTS, OUTPUTS, RATES, STRICT, THERMOMETE
 from drivers.units import Conversion, is_unit
 
 _SYNONYMS = {
-    "time": "time zeit uhrzeit clock t timestamp elapsed seconds timesec timens timems",
+    "time": "time zeit uhrzeit clock t timestamp elapsed seconds timesec timens timems час время 时间 時間",
     "rate": "rate drehrate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex "
-    "ratey ratez",
+    "ratey ratez кутовашвидкість угловаяскорость 角速度 角速率",
     "temperature": "temperature temperatur temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature "
-    "unittemperature",
+    "unittemperature температура 温度 溫度",
     "frequency": "frequency freq resonancefrequency resonance drivefrequency f0",
     "drive": "drive driveamplitude antinode excitation amplitude",
     "quadrature": "quadrature quad quadratureamplitude",
     "supply": "supply supplyvoltage vdd vcc vsupply",
-    "chamber_temperature": "chambertemperature chambertemp tchamber airtemperature chamber air",
+    "chamber_temperature": "chambertemperature chambertemp tchamber airtemperature chamber air "
+    "температуракамери температуракамеры 箱温 温箱温度",
     "chamber_setpoint": "chambersetpoint setpoint",
     "compressor": "compressor",
     "applied_rate": "appliedrate tablerate ratetable referencerate",
@@ -42,6 +43,10 @@ _AXES = {
 }
 """Headers of the axes of a unit that has three."""
 _COUNTERS = {"sample", "samples", "samplenumber", "index", "n", "i", "row", "counter", "samplecounter"}
+
+
+_WIDE = str.maketrans("（）［］【】，／", "()[][],/")
+"""Brackets and signs of Chinese keyboards."""
 
 
 class TimeSource(BaseModel):
@@ -148,7 +153,8 @@ class UnclearColumnError(InputError):
 
 
 def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
-    """Name and unit of a header such as `rate [deg/h]`, `gx_dph`, `T (°C)`, `T/K`; None where it has no unit."""
+    """Name and unit of a header such as `gx_dph`, `T (°C)`, `T, °C`, `T/K`; None where it has no unit."""
+    name = name.translate(_WIDE)
     bracketed = re.fullmatch(r"\s*(.*?)[\s/]*(?:\[([^\[\]]+)\]|\(([^()]+)\)|\{([^{}]+)\})\s*", name)
     if stated:
         return (bracketed[1] if bracketed and bracketed[1] else name), stated
@@ -159,8 +165,11 @@ def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]
         unit = "_".join(parts[-size:])
         if len(parts) > size and is_unit(unit):
             return re.sub(r"[_/]*(_in)?$", "", "_".join(parts[:-size])), unit
-    quantity, _, unit = name.partition("/")
-    return (quantity, unit) if is_unit(unit) else (name, None)
+    for sign in ",/":
+        quantity, _, unit = name.partition(sign)
+        if is_unit(unit):
+            return quantity, unit.strip()
+    return name, None
 
 
 def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
@@ -268,7 +277,7 @@ def _measures(unit: str, channel: str) -> bool:
 
 
 def _word(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.rstrip(". ").rsplit(".", 1)[-1].lower())
+    return re.sub(r"[\W_]", "", name.rstrip(". ").rsplit(".", 1)[-1].lower())
 
 
 def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:

@@ -17,7 +17,7 @@ from drivers.units import is_unit
 
 COMMENTS = ("#", "//", "%")
 """What begins a line that is no row."""
-ADVICE = "delete what is not of the table, or begin such lines with #"
+ADVICE = "delete lines that do not belong to the table, or begin them with #"
 LONGEST_HEADER = 100_000
 """Bytes of a header line that a person or a logger may have written."""
 _DELIMITERS = (";", "\t", ",", "|", " ")
@@ -54,14 +54,14 @@ class _Line:
 
 
 def find_header(data: bytes, path: Path) -> Header:
-    """The header of a table; InputError where there is none, or its names are no names.
+    """The header of a table; InputError where there is none, or where its names cannot be used.
 
     It is the first line with content. Where the rows below do not fit that one, it is the first line of names above
     rows that do.
     """
     lines = list(_first_lines(data, path))
     if not lines:
-        raise InputError("holds no table: every line is empty or a comment", path)
+        raise InputError("has no table: every line is empty or a comment", path)
     told = _SEPARATOR.fullmatch(lines[0].text)
     if told is not None and len(lines) > 1:
         lines = lines[1:]
@@ -90,7 +90,7 @@ def split(line: str, delimiter: str, path: Path, number: int) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error as error:  # a NUL byte, or a quoted field without end
-        raise InputError(f"is no text table: {error}", path, number) from None
+        raise InputError(f"is not a text table: {error}", path, number) from None
 
 
 def _first_lines(data: bytes, path: Path) -> Iterator[_Line]:
@@ -104,7 +104,9 @@ def _first_lines(data: bytes, path: Path) -> Iterator[_Line]:
             if found:
                 return
             size = len(raw) + len(file.readline())
-            raise InputError(f"the header has {size:,} bytes, allowed are {LONGEST_HEADER:,}: no table", path, line)
+            raise InputError(
+                f"the header has {size:,} bytes, allowed are {LONGEST_HEADER:,}: this is not a table", path, line
+            )
         found += 1
         yield _Line(line, raw.decode().strip("\r\n"), file.tell())
         if found == _BEFORE:

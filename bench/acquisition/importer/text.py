@@ -6,11 +6,13 @@ import codecs
 import gzip
 import io
 import re
+import zipfile
 import zlib
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
@@ -24,13 +26,13 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _LOOKED_AT = 100_000
-"""Bytes of the beginning in which what is no text shows."""
+"""Bytes of the beginning in which it shows that a file is not text."""
 _NO_TEXT = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
 _NO_WORD = re.compile(r"[^\x00-\x7f]{3,}")
 """What text in another encoding looks like in Windows-1252: three signs in a row that are not ASCII."""
 _MARKLESS = 2000
 """Bytes in which UTF-16 without a byte order mark shows."""
-KNOWN = "text tables (also .gz), .parquet, .mf4, .blf, .asc, .log, .trc, .xlsx, .tdms, .ulg and .h5"
+KNOWN = "text tables (also .gz or .zip), .parquet, .mf4, .blf, .asc, .log, .trc, .xlsx, .tdms, .ulg and .h5"
 
 
 def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
@@ -81,12 +83,10 @@ def table_of_text(data: bytes, path: Path, notes: Sequence[str] = ()) -> Table:
 
 
 def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
-    """A text file in UTF-8, unpacked, and what is to be said of it; InputError where it is no text, with the line."""
+    """A text file in UTF-8, unpacked, and what is to be said of it; InputError where it is not text, with the line."""
     data = path.read_bytes()
-    if path.suffix.lower() == ".gz":
+    if path.suffix.lower() == ".gz" or data.startswith(b"PK\x03\x04"):
         data = _unpacked(path, most_bytes)
-    if data.startswith(b"PK\x03\x04"):
-        raise InputError("is a zip archive: unpack it, and import what is in it", path)
     data = data.removeprefix(codecs.BOM_UTF8)
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         data = _as_utf8(data, "utf-16", path)
@@ -97,7 +97,7 @@ def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
     if (found := _NO_TEXT.search(data, 0, _LOOKED_AT)) is not None:
         line = data.count(b"\n", 0, found.start()) + 1
         raise InputError(
-            f"is no text table (byte {data[found.start()]} in it); export it as one of {KNOWN}", path, line
+            f"is not a text table (byte {data[found.start()]} in it); export it as one of {KNOWN}", path, line
         )
     try:
         data.decode()
@@ -117,21 +117,35 @@ def _as_utf8(data: bytes, encoding: str, path: Path) -> bytes:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(
-            f"is no text in UTF-8, UTF-16 or Windows-1252; export it as one of {KNOWN}", path, line
+            f"is not text in UTF-8, UTF-16 or Windows-1252; export it as one of {KNOWN}", path, line
         ) from None
 
 
 def _unpacked(path: Path, most_bytes: int | None) -> bytes:
     most = (most_bytes or memory_for(path.stat().st_size)) // 3
+    kind = "gzip" if path.suffix.lower() == ".gz" else "zip"
     try:
-        with gzip.open(path) as file:
+        with gzip.open(path) if kind == "gzip" else _only_member(path) as file:
             data = file.read(most + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"not a readable gzip file ({error}): is it cut off?", path) from None
+    except (OSError, EOFError, zlib.error, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+        raise InputError(f"not a readable {kind} file ({error}): is it cut off?", path) from None
     if len(data) > most:
         raise InputError(f"unpacks to more than {most / 1e9:.2g} GB, a third of the memory for reading it: allow more "
                          "with `bench import --memory GB`", path)  # fmt: skip
     return data
+
+
+@contextmanager
+def _only_member(path: Path) -> Iterator[IO[bytes]]:
+    """The one file of a zip archive; InputError where it has none, or several."""
+    with zipfile.ZipFile(path) as archive:
+        names = [one for one in archive.namelist() if not one.endswith("/") and not one.startswith("__MACOSX/")]
+        if len(names) != 1:
+            shown = f": {', '.join(names[:3])}{', …' * (len(names) > 3)}" if names else ""
+            text = f"is a zip archive of {len(names)} files{shown}; one with a single table is imported as it is"
+            raise InputError(f"{text}, unpack this one", path)
+        with archive.open(names[0]) as file:
+            yield file
 
 
 def _read_lines(
@@ -158,7 +172,7 @@ def _read_lines(
         raise InputError("holds zero rows: there is a header, and no data", path)
     columns = _parse(bytes(tidy).rstrip(b"\n"), separator, names)
     if columns is None or any(len(column) != len(where) for column in columns):
-        raise InputError("holds something that is no table of one value a field", path)
+        raise InputError("has fields that hold more than one value", path)
     return np.array(where, dtype=np.int64), columns
 
 

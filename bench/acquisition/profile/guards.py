@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, get_args
 
@@ -131,6 +131,12 @@ DEFAULT_GUARDS = (
 """Guards of every run, those left out whose signal the controller does not tell. A guard of the station that bears the
 name of one takes its place.
 """
+
+
+def told_by(registers: Container[str]) -> Collection[str]:
+    """The optional signals that a controller with this register map delivers."""
+    told = {name for name in ("power", "door", "sensor_break") if name in registers}
+    return told | ({"frozen_s"} if "power" in told else set())
 
 
 def guards_of(

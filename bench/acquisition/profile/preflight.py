@@ -38,8 +38,12 @@ class Finding:
     line: int | None = None
 
     def __str__(self) -> str:
-        where = "" if self.line is None else f"{self.file or 'profile'}:{self.line}: "
-        return f"{where}{self.level}: {self.text}"
+        return f"{self.where}{self.level}: {self.text}"
+
+    @property
+    def where(self) -> str:
+        """File and line before a text; empty where it has none."""
+        return "" if self.line is None else f"{self.file or 'profile'}:{self.line}: "
 
 
 @dataclass(frozen=True)
@@ -115,7 +119,7 @@ def refuse_errors(findings: Sequence[Finding]) -> None:
     """Raise InputError with every error among the findings, the first one's place; nothing when there is none."""
     errors = [finding for finding in findings if finding.level == "error"]
     if errors:
-        further = "".join(f"\n{finding.file}:{finding.line}: {finding.text}" for finding in errors[1:])
+        further = "".join(f"\n{finding.where}{finding.text}" for finding in errors[1:])
         raise InputError(errors[0].text + further, errors[0].file, errors[0].line)
 
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Any, cast
 
-from bench.acquisition.profile.guards import Guards, Signal, guards_of
+from bench.acquisition.profile.guards import Guards, Signal, guards_of, told_by
 from bench.acquisition.profile.legs import Leg
 from bench.acquisition.profile.profile import Profile
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.sequencer import Sequencer
-from bench.acquisition.run.signals import told_by
 from bench.acquisition.run.status import SegmentResult
 from bench.acquisition.run.wiring import Wiring
 from bench.acquisition.station.fixture import Fixture
@@ -131,7 +130,7 @@ def rehearse(profile: Profile, settings: StationSettings) -> Sequence[SegmentRes
     guards_of(
         settings.guards,
         profile.guards,
-        {*told_by(load_map(settings.chamber.map)), *settings.measured()},
+        {*told_by(load_map(settings.chamber.map).registers), *settings.measured()},
         standing=standing,
     )
     bench = _Bench(settings)

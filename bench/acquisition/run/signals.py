@@ -10,19 +10,12 @@ from bench.acquisition.run.plausible import Plausible
 from bench.acquisition.run.wiring import Surroundings
 from bench.acquisition.station.links import SAME_DEGC, ChamberLink
 from drivers.chamber import ChamberReading
-from drivers.registers import RegisterMap
 
 if TYPE_CHECKING:
     from bench.acquisition.station.station import Station
 
 OFF_S = 10.0
 """A chamber that says that it is off for longer than this while the run is on was switched off by somebody."""
-
-
-def told_by(registers: RegisterMap) -> Collection[str]:
-    """The optional signals that a controller with this register map delivers."""
-    told = {name for name in ("power", "door", "sensor_break") if name in registers}
-    return told | ({"frozen_s"} if "power" in told else set())
 
 
 def told(reading: ChamberReading) -> Collection[str]:

@@ -30,6 +30,7 @@ from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError, LinkError, RefusedError
 from drivers.frames import to_frames, to_record
+from drivers.framing import Framing
 from drivers.instrument import plausible
 from drivers.modbus import ModbusLink
 from drivers.registers import RegisterMap, load_map
@@ -275,10 +276,10 @@ def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clo
     silence: Verdict = "disagrees" if units else "unknown"
     found.add(what, "agrees" if len(frames) else silence, f"{len(frames)} frames in {listen_s:g} s")
     for unit in units:
-        _unit(found, unit, frames, listen_s)
+        _unit(found, unit, frames, listen_s, bus.to_driver().framing)
 
 
-def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: float) -> None:
+def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: float, framing: Framing | None) -> None:
     """What a unit says beside what its layout and the station file say it does."""
     what = f"unit {unit.serial}"
     decoder = unit.decoder()
@@ -306,7 +307,7 @@ def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: 
     for channel in sorted(slow - {name for name, values in block.slow.items() if len(values.value)}):
         if 2e-3 * cycles[channel] <= listen_s:
             found.add(f"{what} {channel}", "disagrees", f"not heard in {listen_s:g} s, though its layout has it")
-    for text in layout.lacks():
+    for text in layout.lacks(framing):
         found.add(what, "unknown", text)
 
 

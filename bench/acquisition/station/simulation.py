@@ -21,7 +21,7 @@ from drivers.layout import Layout, layout_of
 from drivers.registers import load_map
 from drivers.sim.axes import Axes
 from drivers.sim.can_gyro import CanGyro, is_family
-from drivers.sim.can_unit import CanUnit
+from drivers.sim.can_unit import CanUnit, refuse_multiplexed
 from drivers.sim.eeprom import Eeprom
 from drivers.sim.flash_port import FlashPort
 from drivers.sim.imu_correction import ImuCorrection
@@ -75,6 +75,16 @@ def simulate(
     fixture = simulate_axes(settings.fixture, buses, stack, seed)
     instruments = {one.name: SimulatedInstrument(one, plant) for one in settings.opened(occasion.switches_power)}
     return SimulatedStation(load_map(settings.chamber.map), plant, simulated, modbus_port, table, instruments, fixture)
+
+
+def try_unit(settings: StationSettings, unit: UnitSettings) -> None:
+    """ConfigError where the simulator cannot be this unit, which no sender stands for."""
+    if unit.signals is None and is_family(unit.gyro):
+        GyroPhysics.parse(unit.simulation or {})
+        return
+    layout = layout_of(unit.dbc, unit.mapping)
+    refuse_multiplexed(layout)
+    _physics(settings, layout, unit.simulation or {}, 0, PowerOn(1, 0.0, 0))
 
 
 def _several_axes(

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
+from bench.acquisition.profile.guards import GuardSettings, guards_of, told_by
 from bench.acquisition.profile.preflight import Finding, Recording
-from bench.acquisition.station.settings.framing import FramingSettings
+from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.settings.unit import UnitSettings
+from bench.acquisition.station.simulation import try_unit
+from bench.base import InputError
 from drivers.bus_load import load
 from drivers.errors import ConfigError
-from drivers.layout import layout_of
+from drivers.framing import Framing
+from drivers.layout import Layout, layout_of
+from drivers.registers import map_text, parse_map
 from drivers.sim.axes import SAMPLE_MS as SIMULATED_MS
 from drivers.wire import Message, load_dbc
 
@@ -22,53 +29,108 @@ BYTES_PER_FRAME = 33.3
 """Disk of a frame of up to 8 bytes, longer ones need more: 24 in the journal, the rest in the compressed tables."""
 
 
-def wire_findings(station: StationSettings, sent: Container[str] = ()) -> Iterator[Finding]:
-    """What to know of mapped units and of buses whose bit rate is stated; an error where the frames do not fit.
+def wire_findings(
+    station: StationSettings, sent: Container[str] = (), guards: Sequence[GuardSettings] = ()
+) -> Iterator[Finding]:
+    """What to know of the equipment before it is opened, with file and line; an error where a run cannot begin.
 
-    `sent` are serial numbers of simulated units whose frames are not the simulator's. ConfigError where a DBC or a
-    mapping does not describe a unit.
+    `sent` are serial numbers of simulated units whose frames are not the simulator's, `guards` those of the profile.
     """
+    yield from _chamber(station, guards)
     traffic: dict[str, list[Message]] = {name: [] for name in station.buses}
     bits_per_s = dict.fromkeys(station.buses, 0.0)
-    for unit in station.units:
-        layout = layout_of(unit.dbc, unit.mapping)
+    channels: dict[str, Container[str]] = {}
+    for i, unit in enumerate(station.units):
+        place = station.place("units", i)
+        try:
+            layout = layout_of(unit.dbc, unit.mapping)
+        except ConfigError as error:
+            yield Finding("error", f"unit {unit.serial}: {error}", *place)
+            continue
         every = {} if unit.dbc is None else load_dbc(unit.dbc)
         messages = [*{**every, **{message.name: message for message in layout.messages}}.values()]
         traffic[unit.bus] += messages
-        for text in layout.lacks():
-            yield Finding("info", f"unit {unit.serial}: {text}")
-        if unit.identity is not None and (layout.beat is None or "serial" not in layout.beat.signals):
-            text = f"unit {unit.serial}: identity {unit.identity} is to be checked, but it says no serial number"
-            yield Finding("error", f"{text}; map `serial` in `signals`, or leave `identity` out")
-        own = unit.serial in sent or "imu" in (unit.simulation or {})
-        if station.simulated and layout.interval_ms != SIMULATED_MS and not own:
-            text = (
-                f"unit {unit.serial}: its layout says a sample every {layout.interval_ms:g} ms; a simulated one sends"
-            )
-            yield Finding("error", f"{text} every {SIMULATED_MS:g} ms")
-        framing = station.buses[unit.bus].framing
-        if framing is not None:
-            yield from _packets(unit.serial, messages, framing)
+        channels[unit.serial] = layout.channels
+        bus = station.buses[unit.bus]
+        if bus.framing is not None:
             cycles = [(one.length, one.cycle_ms or layout.interval_ms) for one in messages]
             bits_per_s[unit.bus] += sum(BITS_PER_BYTE * length / ms * 1e3 for length, ms in cycles)
-            continue
-        longest = max(messages, key=lambda message: message.length)
-        if longest.length > 8 and not station.buses[unit.bus].fd:
-            text = f"unit {unit.serial}: {longest.name} has {longest.length} bytes, bus {unit.bus} is classical CAN"
-            yield Finding("error", f"{text}; state `fd: true` for it")
+        own = unit.serial in sent or not station.simulated
+        for finding in (*_unit(unit, layout, messages, bus), *(() if own else _simulated(station, unit, layout))):
+            placed = replace(finding, text=f"unit {unit.serial}: {finding.text}")
+            yield replace(placed, file=place[0], line=place[1]) if finding.level == "error" else placed
     for name, bus in station.buses.items():
+        place = station.place("buses", name)
         if bus.bitrate is not None and bus.framing is not None:
-            yield from _load(name, bits_per_s[name] / bus.bitrate)
+            yield from _load(name, bits_per_s[name] / bus.bitrate, place)
         elif bus.bitrate is not None and traffic[name]:
-            yield from _load(name, load(traffic[name], bus.bitrate, bus.data_bitrate, bus.fd))
-    yield from _instruments(station)
+            yield from _load(name, load(traffic[name], bus.bitrate, bus.data_bitrate, bus.fd), place)
+    for i, instrument in enumerate(station.instruments):
+        place = station.place("instruments", i)
+        for finding in _instrument(instrument, channels):
+            yield replace(finding, file=place[0], line=place[1]) if finding.level == "error" else finding
 
 
-def _instruments(station: StationSettings) -> Iterator[Finding]:
-    """What each instrument does; an error where its address cannot be used here, or units send what it measures."""
-    sent = {unit.serial: layout_of(unit.dbc, unit.mapping).channels for unit in station.units}
-    for instrument in station.instruments:
-        yield from _instrument(instrument, sent)
+def _chamber(station: StationSettings, guards: Sequence[GuardSettings]) -> Iterator[Finding]:
+    """Whether the register map can be used, has the chamber's range, and tells what guards watch."""
+    chamber = station.chamber
+    try:
+        text, name = map_text(chamber.map)
+    except ConfigError as error:
+        yield Finding("error", str(error), *station.place("chamber", "map"))
+        return
+    try:
+        registers = parse_map(text, name)
+    except ConfigError as error:
+        yield Finding("error", str(error))  # it names the file of the map
+        return
+    register = registers["setpoint"]
+    for key, beyond in (
+        ("lowest_degc", register.low is not None and chamber.lowest_degc < register.low),
+        ("highest_degc", register.high is not None and chamber.highest_degc > register.high),
+    ):
+        if beyond:
+            low, high = ("-" if one is None else f"{one:g}" for one in (register.low, register.high))
+            text = f"chamber.{key} is {getattr(chamber, key):g}: the map writes set points from {low} to {high} degC"
+            text += "; correct one of them"
+            yield Finding("error", text, *station.place("chamber", key))
+    told = {*told_by(registers.registers), *station.measured()}
+    standing = [one.guard for one in station.standing_guards()]
+    own = [(guard, station.place("guards", i)) for i, guard in enumerate(station.guards)]
+    for guard, place in (*own, *((guard, (None, None)) for guard in guards)):
+        try:
+            guards_of([guard], (), told, standing=standing)
+        except InputError as error:
+            yield Finding("error", str(error), *place)
+
+
+def _unit(unit: UnitSettings, layout: Layout, messages: Sequence[Message], bus: Bus) -> Iterator[Finding]:
+    """What a unit does not say, and whether its frames or packets are those of its bus."""
+    framing = None if bus.framing is None else bus.framing.to_driver()
+    for text in layout.lacks(framing):
+        yield Finding("info", text)
+    if unit.identity is not None and (layout.beat is None or "serial" not in layout.beat.signals):
+        text = f"identity {unit.identity} is to be checked, but it says no serial number"
+        yield Finding("error", f"{text}; map `serial` in `signals`, or leave `identity` out")
+    if framing is not None:
+        yield from _packets(messages, framing)
+        return
+    longest = max(messages, key=lambda message: message.length)
+    if longest.length > 8 and not bus.fd:
+        text = f"{longest.name} has {longest.length} bytes, bus {unit.bus} is classical CAN"
+        yield Finding("error", f"{text}; state `fd: true` for it")
+
+
+def _simulated(station: StationSettings, unit: UnitSettings, layout: Layout) -> Iterator[Finding]:
+    """Whether the simulator can be this unit."""
+    if layout.interval_ms != SIMULATED_MS and "imu" not in (unit.simulation or {}):
+        text = f"its layout says a sample every {layout.interval_ms:g} ms; a simulated one sends"
+        yield Finding("error", f"{text} every {SIMULATED_MS:g} ms")
+        return
+    try:
+        try_unit(station, unit)
+    except ConfigError as error:
+        yield Finding("error", str(error))
 
 
 def _instrument(instrument: InstrumentSettings, sent: Mapping[str, Container[str]]) -> Iterator[Finding]:
@@ -85,10 +147,16 @@ def _instrument(instrument: InstrumentSettings, sent: Mapping[str, Container[str
         yield Finding("info", f"instrument {instrument.told()}")
 
 
-def _packets(serial: str, messages: Iterable[Message], framing: FramingSettings) -> Iterator[Finding]:
-    """Whether the packets that a unit's signals are of are those of its line."""
+def _packets(messages: Iterable[Message], framing: Framing) -> Iterator[Finding]:
+    """Whether the packets that a unit's signals are of are those of its line, and the signals between its own bytes."""
     for message in messages:
-        text = f"unit {serial}: packet {message.id} has {message.length} bytes by its signals"
+        for signal in message.signals.values():
+            touched = {*(signal.places // 8).tolist()}
+            for what, taken in framing.taken(message.length):
+                if both := touched & {*taken}:
+                    text = f"packet {message.id}: the signal at {signal.name} is in byte {min(both)}, which is of the"
+                    yield Finding("error", f"{text} {what}; bytes count from the first of the packet, header included")
+        text = f"packet {message.id} has {message.length} bytes by its signals"
         if framing.length is not None and message.length != framing.length:
             how = f"state `bytes: {framing.length}` in one of them, or correct the line's `length`"
             yield Finding("error", f"{text}, {framing.length} by the framing of its line; {how}")
@@ -108,10 +176,10 @@ def recording_of(station: StationSettings, free_bytes: float) -> Recording:
     return Recording(rates, bytes_per_s, free_bytes)
 
 
-def _load(name: str, share: float) -> Iterator[Finding]:
+def _load(name: str, share: float, place: tuple[str | None, int | None]) -> Iterator[Finding]:
     text = f"bus {name}: its units take {share:.0%} of it"
     if share > FULL:
         text += ", more than there is; spread them over more buses, raise the bit rate, or send less often"
-        yield Finding("error", text)
+        yield Finding("error", text, *place)
     else:
         yield Finding("warning" if share > BUSY else "info", text + (", others delay them" if share > BUSY else ""))

@@ -45,6 +45,8 @@ class Analysis:
     gaps: tuple[Joint, ...] = ()
     """Gaps between the parts of a run whose bench was killed and which went on."""
     warnings: tuple[str, ...] = ()
+    static: str | None = None
+    """The isothermal run that noise and floor are read from, too."""
     others: tuple[str, ...] = ()
     """What further runs, held out or isothermal, lack so badly that nothing may rest on them."""
     diagnosed: Diagnosed = field(default_factory=Diagnosed)

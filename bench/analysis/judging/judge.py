@@ -87,10 +87,11 @@ def analyse(  # noqa: PLR0913 - options of one command, by keyword
         warnings = (*cautions(done, None, None, None, gaps), *others)
         result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings, others=others)
     else:
-        known = Analysis(run, manifest, interval_s, done, floor, _PENDING, data, others=others)
+        name = None if isothermal is None else isothermal.name
+        known = Analysis(run, manifest, interval_s, done, floor, _PENDING, data, static=name, others=others)
         result = _judged(known, data, models, checks)
         result = _diagnosed(result, data, checks, still, kin) if diagnose else result
-    _write(result)
+    _write(result, diagnose)
     return result
 
 
@@ -202,11 +203,12 @@ def _best(scores: Sequence[Score]) -> Score | None:
     return min(scores, key=lambda score: score.rms_dph, default=None)
 
 
-def _write(result: Analysis) -> None:
+def _write(result: Analysis, asked: bool) -> None:
     folder = result.run.path
     answer = result.to_json()
     compared = result.comparison.to_json() if result.comparison else {"runs": [folder.name], "models": []}
-    made: list[Record] = [ComparisonRecord.model_validate({**compared, "verdict": answer["verdict"]})]
+    compared |= {"static": result.static, "diagnosed": asked, "verdict": answer["verdict"]}
+    made: list[Record] = [ComparisonRecord.model_validate(compared)]
     content = calibration(result.manifest, result.interval_s, result.best, result.floor, answer)
     content["quantities"] = [quantity.to_json() for quantity in quantities(result)]
     content["refusals"] = list(refusals(result))

@@ -65,13 +65,16 @@ class Circumstances:
         check = tuple(_found(run, name, others) for name in compared.check)
         own = diagnosed is not None and list(diagnosed.check) == [path.resolve().name for path in check]
         own = own and diagnosed is not None and diagnosed.model in {model.name for model in compared.models}
-        static = diagnosed.static if diagnosed else None
+        static, asked = compared.static, compared.diagnosed
+        if "diagnosed" not in compared.model_fields_set:  # a comparison of an older bench does not say either
+            static = diagnosed.static if diagnosed else None
+            asked = own or any("not diagnosed" in text for text in calibrated.verdict.warnings)
         return cls(
             models=tuple(_models(run, compared, calibrated.calibration, models)),
             check=check,
             static=None if static is None else _found(run, static, others),
             interval_s=calibrated.averaging_s,
-            diagnosed=own or any("not diagnosed" in text for text in calibrated.verdict.warnings),
+            diagnosed=asked,
             diagnosis=None if own else diagnosed,
         )
 
@@ -98,12 +101,13 @@ def _rediagnosed(
     paths = [made.path if name == made.path.name else _found(run, name, others) for name in known.runs]
     fine = [load(path, 1.0) for path in paths]
     model = next((m for m in how.models if m.name == known.model), None) or load_model(known.model)
-    still = None if how.static is None else load(how.static, 1.0)
+    static = None if known.static is None else _found(run, known.static, others)
+    still = None if static is None else load(static, 1.0)
     found = diagnose(
         [load(path, how.interval_s) for path in paths],
         model,
         check=[load(_found(run, name, others), how.interval_s) for name in known.check],
-        static=None if how.static is None else load(how.static, how.interval_s),
+        static=None if static is None else load(static, how.interval_s),
         floor_dph=noise_floor(fine, how.interval_s, still).floor_dph,
     )
     return DiagnosisRecord.model_validate({**found.to_json(), "next_experiment": known.next_experiment})

@@ -62,6 +62,10 @@ class ComparisonRecord(Record):
 
     runs: tuple[str, ...] = ()
     check: tuple[str, ...] = ()
+    static: str | None = None
+    """The isothermal run that noise and floor were read from, too."""
+    diagnosed: bool = False
+    """The report asked for a diagnosis, made or not; a later one takes its place in diagnosis.json."""
     floor_dph: float | None = None
     interval_s: float | None = None
     models: tuple[ComparedModel, ...] = ()

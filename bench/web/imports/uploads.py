@@ -14,7 +14,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 from bench.base import InputError
 
 ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".parquet", ".mf4", ".mdf", ".blf", ".asc", ".log", ".trc",
-           ".gz", ".xlsx", ".tdms", ".ulg", ".h5", ".hdf5")  # fmt: skip
+           ".gz", ".zip", ".xlsx", ".tdms", ".ulg", ".h5", ".hdf5")  # fmt: skip
 """File name endings of tables."""
 PARTS = {"file": ENDINGS, "dbc": (".dbc",)}
 """Parts of the form, each once, with the allowed endings."""

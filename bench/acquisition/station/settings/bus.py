@@ -14,6 +14,7 @@ from bench.base import STRICT, PlacedError
 from drivers.daq import COLUMN_BYTES, COUNTER_BYTES, SCHEME
 from drivers.interfaces import BusSettings, unit_filters
 from drivers.packet_bus import INTERFACE as PACKETS
+from drivers.packet_bus import refusal
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -61,6 +62,8 @@ class Bus(BaseModel):
             raise PlacedError(text, ("channel",))
         if self.channel.startswith(SCHEME) and self.framing is not None:
             self._samples(self.framing)
+        if self.framing is not None and (why := refusal(self.channel, self.bitrate, self.options)):
+            raise PlacedError(why, ("channel",))
         if (self.framing is not None) != (self.interface == PACKETS):
             text = "needs `framing`" if self.framing is None else f"has no framing; only {PACKETS!r} has one"
             raise PlacedError(f"interface {self.interface!r} {text}", ("interface",))

@@ -105,7 +105,7 @@ class FramingSettings(BaseModel):
 
     kind: Literal["slip", "cobs", "header", "datagram"]
     """SLIP (RFC 1055), COBS with a zero after each packet, packets with a fixed header, or one packet a datagram."""
-    header: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2} ?){1,8}$")] | None = None
+    header: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2} ?){1,8}$", examples=["AA 55"])] | None = None
     """Bytes that each packet begins with, in hex: "AA 55"."""
     length: Annotated[int, Field(ge=1, le=LONGEST)] | None = None
     """Bytes of every packet; left out where they differ."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field, PrivateAttr, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from bench.acquisition.profile.guards import GuardSettings
@@ -23,7 +23,7 @@ from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.rate_table import RateTableSettings
 from bench.acquisition.station.settings.safety import SafeStateSettings, WatchdogSettings
 from bench.acquisition.station.settings.unit import UnitSettings
-from bench.base import STRICT, InputError, PlacedError
+from bench.base import STRICT, Document, InputError, PlacedError
 from bench.record import slug
 from drivers.registers import is_map_file
 from drivers.sim.plant import Plant, PlantParameters
@@ -84,6 +84,9 @@ class StationSettings(BaseModel):
     """Notification file, beside the station file: who is told of ends, trips and holds. It is not copied anywhere."""
     unit_silent_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
     """A unit that sends nothing sound for this long leaves a run of several units [s]."""
+
+    _written: Document | None = PrivateAttr(None)
+    """The station file, for errors that are found later."""
 
     @model_validator(mode="after")
     def _consistent(self) -> StationSettings:
@@ -219,11 +222,12 @@ class StationSettings(BaseModel):
         physics = self.chamber.simulation or PlantParameters()
         return Plant(physics.model_copy(update={"ambient_degc": self.ambient_degc}), seed)
 
-    def beside(self, folder: Path) -> StationSettings:
-        """The same with the files that it names by relative paths looked for in `folder`, that of the station file."""
+    def beside(self, file: Document) -> StationSettings:
+        """The same, read from `file`, with the files that it names by relative paths looked for in the same folder."""
         found: dict[str, Any] = {}
+        folder = Path(file.file).parent
         if is_map_file(self.chamber.map):
-            found["chamber"] = self.chamber.model_copy(update={"map": str(folder / self.chamber.map)})
+            found["chamber"] = self.chamber.model_copy(update={"map": str((folder / self.chamber.map).absolute())})
         if self.eeproms is not None:
             found["eeproms"] = str(folder / self.eeproms)
         if self.fixture is not None:
@@ -231,10 +235,16 @@ class StationSettings(BaseModel):
         found["units"] = tuple(unit.beside(folder) for unit in self.units)
         for name in ("laboratory", "equipment"):
             if (given := getattr(self, name)) is not None and is_map_file(given):
-                found[name] = str(folder / given)
+                found[name] = str((folder / given).absolute())
         if self.notify is not None:
             found["notify"] = str((folder / self.notify).absolute())
-        return self.model_copy(update=found)
+        copied = self.model_copy(update=found)
+        copied._written = file
+        return copied
+
+    def place(self, *path: str | int) -> tuple[str | None, int | None]:
+        """File and line of what stands at `path` in the station file; None where it was not read from one."""
+        return (None, None) if self._written is None else (self._written.file, self._written.line(path))
 
     def remembering(self, out: Path) -> StationSettings:
         """The same with simulated units that find below `out`, the folder of the runs, what was flashed before."""
