@@ -49,6 +49,8 @@ STEPS_MATTER = 0.1
 """Error from steps of thermometer or output over the noise floor above which it may pass for an effect."""
 LEAST_PRESENT = 0.9
 """Share of the rows in which an effect's channel needs a value."""
+LEAST_DIAGNOSED_ROWS = 16
+"""Means of the runs together."""
 LEAST_STATIC_ROWS = 40
 """Means of an isothermal run with the temperature standing still."""
 LEAST_STRETCH_S = 300.0

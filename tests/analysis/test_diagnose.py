@@ -21,6 +21,8 @@ from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
 from bench.cli.rendering import lines
 from bench.commands.results.analyse import Diagnosed
+from bench.record.dataset import Dataset
+from tests.support.analysis_data import LEGS, thermal_cycle, white, with_bias
 from tests.support.hidden_runs import INTERVAL_S, NOISE, HiddenUnit, hidden_run
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
@@ -259,3 +261,20 @@ def test_a_spline_that_chooses_few_intervals_is_diagnosed_with_more_so_that_its_
     assert answer.model.effects[0].intervals >= 12
     assert answer.verdict == "adequate"
     assert any("chose fewer than 12 intervals" in note for note in answer.notes)
+
+
+@pytest.mark.parametrize("rows", [5, 6, 13, 15, 16, 20, 24])
+def test_a_short_run_has_an_answer_or_one_line_that_says_how_much_is_needed(rows):
+    legs = thermal_cycle(leg_s=30.0 * (rows // len(LEGS) + 1))
+    keep = slice(0, rows)
+    short = Dataset(
+        "short", legs.time[keep], {name: values[keep] for name, values in legs.channels.items()}, legs.segment[keep],
+        legs.segments, legs.interval_s,
+    )  # fmt: skip
+    run = with_bias(short, white(short, 0.1))
+    line = Model("line", (effects.make("polynomial", {"order": 1}),))
+    if rows < 16:
+        with pytest.raises(InputError, match=f"^{rows} means over 30 s are too few .* at least 16"):
+            diagnose([run], line, candidates=FEW)
+    else:
+        assert diagnose([run], line, candidates=FEW).verdict

@@ -39,7 +39,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.thresholds import EXPLAINED_RATIO, TIE
+from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS, TIE
 from bench.base import FloatArray, InputError
 from bench.record import Dataset, refuse_mixed
 
@@ -114,6 +114,10 @@ class _Case:
         fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
         kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in fit.residuals]
+        count, interval_s = sum(int(np.isfinite(r).sum()) for r in fit.residuals), runs[0].interval_s
+        if count < LEAST_DIAGNOSED_ROWS:
+            text = f"{count} means over {interval_s:g} s are too few to diagnose"
+            raise InputError(f"{text}, at least {LEAST_DIAGNOSED_ROWS} are needed: record more")
         spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(fit.residuals, kept, strict=True))
         if spikes:
             notes.append(f"{spikes} rows with spikes were left out")

@@ -192,6 +192,8 @@ def cells(temperature: FloatArray, direction: FloatArray, bins: int = 8) -> Prob
                 columns.append(inside.astype(np.float64))
                 low, high = (float(f"{edge:.3g}") for edge in edges[number : number + 2])
                 made.append(Cell(word, low, high))
+    if not columns:  # few rows
+        return cells(temperature, direction, bins // 2)
     return Probe("temperature x direction", np.column_stack(columns), tuple(made))
 
 
