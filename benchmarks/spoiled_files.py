@@ -28,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from click.testing import CliRunner
 
 from bench.base import BenchError, library
@@ -64,6 +65,7 @@ class Outcome:
     """What it printed to stderr, or the end of the traceback."""
     cpu_s: float
     peak_bytes: int
+    """Memory that it took, beside what every process begins with."""
 
     @property
     def wrong(self) -> str:
@@ -229,12 +231,13 @@ def run_case(case: Case, seed: int) -> Outcome:
         scratch = Path(found)
         file, answer = scratch / f"spoiled{GOOD[case.kind][0]}", scratch / "answer.json"
         file.write_bytes(data)
+        begun = psutil.Process().memory_info().rss  # the child has this already
         child = os.fork()
         if child == 0:
             _child(case, file, scratch, answer)
         _, status, used = os.wait4(child, 0)
         code, said = json.loads(answer.read_text()) if answer.exists() else (-2, f"ended by {status}")
-    return Outcome(case, code, said, round(used.ru_utime + used.ru_stime, 2), used.ru_maxrss * 1024)
+    return Outcome(case, code, said, round(used.ru_utime + used.ru_stime, 2), max(0, used.ru_maxrss * 1024 - begun))
 
 
 def _child(case: Case, file: Path, scratch: Path, answer: Path) -> None:

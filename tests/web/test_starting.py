@@ -103,7 +103,7 @@ def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(setting
         ended = state_of(client, start, "ended")
         assert (ended["exit_code"], ended["verdict"]) == (3, "partial")
         assert ended["message"] == "aborted by Operator Petrenko (operator) from 127.0.0.1"
-        one = client.get(f"/api/v1/live/{run}").json()
+        one = until(lambda: (told := client.get(f"/api/v1/live/{run}").json())["ended"]["verdict"] and told)
         assert (one["condition"], one["ended"]["verdict"], one["ended"]["analysing"]) == ("ended", "partial", False)
         assert [asked["request"] for asked in one["ended"]["requests"]] == ["hold", "stop"]
     folder = open_run(made.out / run)

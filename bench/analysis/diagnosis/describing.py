@@ -97,8 +97,9 @@ class Describer:
         plain = self._ranked(layout, found, borne)
         if not explained.steps:
             return Description(self._answer(layout, plain, borne))
-        named = self._named(layout, explained, borne)
-        if plain and plain[0].total > named + TIE and self._says_more(plain[0].one, explained.layout):
+        named, named_borne = self._named(layout, explained, borne)
+        best = plain[0] if plain and plain[0].total > named + TIE else None
+        if best and (best.borne > named_borne + TIE or self._says_more(best.one, explained.layout)):
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, self._search(explained.layout, explained.last.point), borne)
         if not beside and plain and plain[0].total > named - TIE and explained.word == "unknown_effect":
@@ -169,12 +170,13 @@ class Describer:
         sigma2 = float(left @ left) / (len(left) - basis.shape[1])
         return bool(float(further @ left) ** 2 > TIE * size * sigma2)
 
-    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> float:
-        """Evidence of all effects found together, beside the model alone."""
+    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[float, float]:
+        """Evidence of all effects found together, beside the model alone; and the part of it that check runs have."""
         more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
         before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, explained.layout))
-        gain = explained.first.minus2logl - explained.last.minus2logl + borne.gain(before, after)
-        return float(gain - more * np.log(len(layout.problem.y)))
+        own = borne.gain(before, after)
+        gain = explained.first.minus2logl - explained.last.minus2logl + own
+        return float(gain - more * np.log(len(layout.problem.y))), own
 
     def _listed(
         self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()

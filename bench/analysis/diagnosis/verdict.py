@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from bench.analysis.diagnosis.answer import VerdictWord
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
@@ -156,11 +158,20 @@ class Search:
         borne = Borne(self.check, layout.problem.statics, point)
         before = unseen(layout.rows, layout.theta, self.check).left
         total = []
+        leaders = [leader for leader in leaders if self._acts_again(layout, leader)]
         for leader in leaders:
             after = layout.adding(self.offer.effects[leader.name], leader.theta)
             total.append(leader.evidence + borne.gain(before, unseen(after.rows, after.theta, self.check).left))
-        least = max(*total, TIE + max(self.threshold, FORMULA_EVIDENCE)) - TIE
+        least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
         return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
+
+    def _acts_again(self, layout: Layout, leader: Suspect) -> bool:
+        """Whether a check run can show it: a jump that happened once cannot."""
+        effect = layout.prepared(self.offer.effects[leader.name])
+        if effect.moves_abscissa:
+            return True
+        theta = {p.name: value for p, value in zip(effect.parameters, leader.theta, strict=True)}
+        return any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in self.check)
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
