@@ -5,12 +5,15 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bench.base import InputError
 from bench.cli.options import exits, fetched, path_option, shelf_options
+
+if TYPE_CHECKING:
+    from bench.web import Role
 
 
 @click.command()
@@ -27,7 +30,7 @@ from bench.cli.options import exits, fetched, path_option, shelf_options
 @path_option("--certificate", help="TLS: certificate chain (PEM).")
 @path_option("--key", help="TLS: key of the certificate (PEM).")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
-def ui(new_token: str | None, new_pin: str | None, badge: str | None, role: str | None, **options: Any) -> None:
+def ui(new_token: str | None, new_pin: str | None, badge: str | None, role: Role | None, **options: Any) -> None:
     """Serve the bench to a browser: start and watch runs, find missing effects, look up units."""
     with exits():
         if new_token is not None:
@@ -46,20 +49,20 @@ def _check_address(behind: str) -> None:
         raise InputError(f"--behind is {behind!r}, must be the IP address that the proxy asks from") from None
 
 
-def _new_token(access: Path | None, name: str, role: str | None) -> str:
+def _new_token(access: Path | None, name: str, role: Role | None) -> str:
     from bench.web import add_person
 
     if access is None or role is None:
         raise InputError("--new-token NAME needs --access FILE (may be new) and --role viewer, operator or engineer")
-    return add_person(access, name, role)  # type: ignore[arg-type]  # click has checked it
+    return add_person(access, name, role)
 
 
-def _new_pin(access: Path | None, name: str, role: str | None, badge: str | None) -> str:
+def _new_pin(access: Path | None, name: str, role: Role | None, badge: str | None) -> str:
     from bench.web import add_pin
 
-    if access is None or role not in {"viewer", "operator"}:
+    if access is None or role is None or role == "engineer":
         raise InputError("--new-pin NAME needs --access FILE and --role viewer or operator; a PIN gives no more")
-    return add_pin(access, name, role, badge)  # type: ignore[arg-type]  # checked above
+    return add_pin(access, name, role, badge)
 
 
 def _serve(

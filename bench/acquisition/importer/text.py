@@ -127,7 +127,7 @@ def _unpacked(path: Path, most_bytes: int | None) -> bytes:
     try:
         with gzip.open(path) if kind == "gzip" else _only_member(path) as file:
             data = file.read(most + 1)
-    except (OSError, EOFError, zlib.error, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+    except (OSError, EOFError, zlib.error, zipfile.BadZipFile, RuntimeError) as error:  # RuntimeError: a password
         raise InputError(f"not a readable {kind} file ({error}): is it cut off?", path) from None
     if len(data) > most:
         raise InputError(f"unpacks to more than {most / 1e9:.2g} GB, a third of the memory for reading it: allow more "

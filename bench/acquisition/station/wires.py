@@ -57,8 +57,7 @@ def wire_findings(
             bits_per_s[unit.bus] += sum(BITS_PER_BYTE * length / ms * 1e3 for length, ms in cycles)
         own = unit.serial in sent or not station.simulated
         for finding in (*_unit(unit, layout, messages, bus), *(() if own else _simulated(station, unit, layout))):
-            placed = replace(finding, text=f"unit {unit.serial}: {finding.text}")
-            yield replace(placed, file=place[0], line=place[1]) if finding.level == "error" else placed
+            yield _placed(replace(finding, text=f"unit {unit.serial}: {finding.text}"), place)
     for name, bus in station.buses.items():
         place = station.place("buses", name)
         if bus.bitrate is not None and bus.framing is not None:
@@ -68,7 +67,12 @@ def wire_findings(
     for i, instrument in enumerate(station.instruments):
         place = station.place("instruments", i)
         for finding in _instrument(instrument, channels):
-            yield replace(finding, file=place[0], line=place[1]) if finding.level == "error" else finding
+            yield _placed(finding, place)
+
+
+def _placed(finding: Finding, place: tuple[str | None, int | None]) -> Finding:
+    """An error with file and line; what is only to be known has none."""
+    return replace(finding, file=place[0], line=place[1]) if finding.level == "error" else finding
 
 
 def _chamber(station: StationSettings, guards: Sequence[GuardSettings]) -> Iterator[Finding]:

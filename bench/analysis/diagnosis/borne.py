@@ -26,13 +26,19 @@ class Borne:
     statics: Sequence[Record]
     start: Point
     _known: dict[bytes, NoiseLattice] = field(default_factory=dict, repr=False)
+    _heights: dict[tuple[bytes, bytes], float] = field(default_factory=dict, repr=False)
 
     def gain(self, before: LeftOut, after: LeftOut) -> float:
         """Gain in 2 ln L of what `after` has beside `before`; 0 without check runs that both predict."""
         if not self.check or before.residual is None or after.residual is None:
             return 0.0
         known = np.isfinite(before.residual) & np.isfinite(after.residual)
-        return self._height(before.residual, known) - self._height(after.residual, known) if known.any() else 0.0
+        if not known.any():
+            return 0.0
+        key = before.residual.tobytes(), known.tobytes()
+        if key not in self._heights:  # one model is compared with many
+            self._heights[key] = self._height(before.residual, known)
+        return self._heights[key] - self._height(after.residual, known)
 
     def _height(self, residual: FloatArray, known: BoolArray) -> float:
         """-2 ln L of the errors (n,) of all check runs, where they are known."""

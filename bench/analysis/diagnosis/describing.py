@@ -119,9 +119,9 @@ class Describer:
                 continue
             after = layout.adding(one.effect, one.theta)
             scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
-            gained = borne.gain(before.left, scored.left)
-            if one.evidence + gained > FORMULA_EVIDENCE:
-                ranked.append(_Ranked(one, after, scored, gained))
+            each = _Ranked(one, after, scored, borne.gain(before.left, scored.left))
+            if each.total > FORMULA_EVIDENCE:
+                ranked.append(each)
         ranked.sort(key=lambda each: -each.total)
         leaders: list[_Ranked] = []
         for each in ranked:
