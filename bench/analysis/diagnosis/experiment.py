@@ -35,7 +35,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.base import InputError, finite
+from bench.base import InputError, finite, number
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
@@ -205,8 +205,8 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     tried = len(library) + len(longer) - _CLOSELY
     promise = (
         f"over what the runs leave open of sizes, time constants and noise, the expected gap of the two that are "
-        f"hardest to tell apart goes from {before.gap:.0f} to {after.gap:.0f}, and the probability of a decision from "
-        f"{before.probability:.0%} to {after.probability:.0%}"
+        f"hardest to tell apart goes from {number(before.gap, 2)} to {number(after.gap, 2)}, and the probability of a "
+        f"decision from {before.probability:.0%} to {after.probability:.0%}"
     )
     if often < _HOPELESS:
         why = (

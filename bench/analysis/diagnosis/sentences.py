@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
 from bench.analysis.diagnosis.described import sentence as formula_sentence
-from bench.base import listed, number, with_uncertainty
+from bench.base import ends, listed, number, with_uncertainty
 
 UNSEEN = "not to be seen here: the model takes it in"
 """Of an effect that the run would not show at any size."""
@@ -152,10 +152,9 @@ def _measured(name: str, value: Value) -> str:
 
 def _where(place: Place) -> str:
     note = f", {place.note}" if place.note else ""
-    return (
-        f"over {place.channel} from {place.low:.4g} to {place.high:.4g} {place.unit} ({number(place.misfit_dph)} "
-        f"deg/h, p {place.p:.1g}{note})"
-    )
+    low, high = ends(place.low, place.high)
+    size = f"{number(place.misfit_dph)} deg/h, p {place.p:.1g}{note}"
+    return f"over {place.channel} from {low} to {high} {place.unit} ({size})"
 
 
 def _remains(answer: Diagnosis) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.base import finite, say, verdict_word
+from bench.base import ends, finite, say, verdict_word
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
 from bench.cli.rendering.printing import bound, content, lines, number, table, unit_text
@@ -299,8 +299,11 @@ def _(result: Decided) -> dict[str, Any]:
 
 def _next(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.next_experiment:
-        yield f"next: bench run {diagnosis.next_experiment['profile']}"
-        yield str(diagnosis.next_experiment["why"])
+        command = f"bench run {diagnosis.next_experiment['profile']}"
+        why = str(diagnosis.next_experiment["why"])
+        yield from (
+            (f"next: {command}", why) if diagnosis.next_experiment["decides"] else (why, f"the best of them: {command}")
+        )
 
 
 def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:
@@ -309,7 +312,7 @@ def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:
         rows = []
         for p in diagnosis.where:
             ratio = f"{p.floor_ratio:.2f} x floor" if isfinite(p.floor_ratio) else f"{p.rms_dph:.4g} deg/h RMS"
-            rows.append((p.channel, f"{p.low:.4g} to {p.high:.4g} {p.unit}", f"{ratio}, p = {p.p:.1e}", p.note))
+            rows.append((p.channel, f"{' to '.join(ends(p.low, p.high))} {p.unit}", f"{ratio}, p = {p.p:.1e}", p.note))
         yield table(("", "", "", ""), rows, indent=2)
         yield ""
 
