@@ -128,7 +128,7 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
             moved += shifts(levelled, one.name, charts)
     whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
     table = np.column_stack([fleet.column(one.name) for one in whole]) if whole else np.zeros((len(fleet.newest), 0))
-    distances, odd = unlike(table, [one.name for one in whole], [one.lot for one in fleet.newest])
+    distances, odd = unlike(table, [one.name for one in whole], fleet.lots.tolist())
     name = limits.name if limits else None
     passes = _yield(fleet, limits, verdicts)
     wanted = [limit.subject for limit in limits.limits if limit.required] if limits else []
@@ -138,9 +138,8 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
 
 
 def _levelled(fleet: Fleet, one: Measured) -> Levelled | None:
-    stations, lots = ([getattr(fleet.newest[row], key) for row in one.rows] for key in ("station", "lot"))
     rows = np.array(one.rows)
-    return Levelled.of(one.values, fleet.time_s[rows], stations, lots, rows)
+    return Levelled.of(one.values, fleet.time_s[rows], fleet.stations[rows], fleet.lots[rows], rows)
 
 
 def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from sys import intern
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from sqlalchemy import case, func, select
 
 from bench.analysis import Limits, Quantity, Verdict, judge_limits
@@ -22,6 +24,8 @@ from bench.base import FloatArray, InputError
 NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
 """The lot of a unit without a recorded lot is its serial without the number at the end."""
 
+
+ObjectArray = npt.NDArray[np.object_]
 
 _AT_ONCE = 10_000
 """Runs whose quantities are read together."""
@@ -46,32 +50,32 @@ class Calibrated:
     judged: str | None
     """Verdict of its certificate, or else of its report."""
     limits: str | None
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Values
 
 
 class Values(Mapping[str, float]):
     """Quantities of one run by name: a row of a table of all runs."""
 
-    __slots__ = ("_names", "_row")
+    __slots__ = ("_names", "row")
 
     def __init__(self, names: Mapping[str, int], row: FloatArray) -> None:
         """`names` say which place of `row` (names,) holds what; NaN is nothing."""
-        self._names, self._row = names, row
+        self._names, self.row = names, row
 
     def __getitem__(self, name: str) -> float:
         """The value; KeyError where there is none."""
-        value = float(self._row[self._names[name]])
+        value = float(self.row[self._names[name]])
         if np.isnan(value):
             raise KeyError(name)
         return value
 
     def __iter__(self) -> Iterator[str]:
         """Names of the quantities that there are, sorted."""
-        return (name for name, place in self._names.items() if not np.isnan(self._row[place]))
+        return (name for name, place in self._names.items() if not np.isnan(self.row[place]))
 
     def __len__(self) -> int:
         """Number of quantities."""
-        return int((~np.isnan(self._row)).sum())
+        return int((~np.isnan(self.row)).sum())
 
 
 @dataclass(frozen=True)
@@ -86,12 +90,28 @@ class Fleet:
 
     def column(self, quantity: str) -> FloatArray:
         """Values (n,) of the newest runs, NaN for a missing one."""
-        return np.fromiter((one.values.get(quantity, np.nan) for one in self.newest), np.float64, len(self.newest))
+        column: FloatArray = self._table[list(self.units).index(quantity)]
+        return column
 
-    @property
+    @cached_property
+    def _table(self) -> FloatArray:
+        """Values of the newest runs (quantities, n), in the order of `units`."""
+        return np.array([one.values.row for one in self.newest]).T.copy()
+
+    @cached_property
     def time_s(self) -> FloatArray:
         """Time of the newest runs (n,) [s]."""
         return np.array([one.time_s for one in self.newest])
+
+    @cached_property
+    def stations(self) -> ObjectArray:
+        """Stations of the newest runs (n,)."""
+        return np.array([one.station for one in self.newest], dtype=object)
+
+    @cached_property
+    def lots(self) -> ObjectArray:
+        """Lots of the newest runs (n,)."""
+        return np.array([one.lot for one in self.newest], dtype=object)
 
 
 def selected(
@@ -127,7 +147,7 @@ def fleet_of(registry: Registry, pattern: str | None = None, selection: Selectio
     return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units, left_out)
 
 
-def _rows(registry: Registry) -> tuple[list[dict[str, Any]], Callable[[str], Mapping[str, float]], dict[str, str]]:
+def _rows(registry: Registry) -> tuple[list[dict[str, Any]], Callable[[str], Values], dict[str, str]]:
     """Every run with a calibration, in order, the quantities by the id of a run, and their units."""
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
     certificate = TABLES["certificates"]
@@ -188,7 +208,7 @@ def choices(registry: Registry) -> dict[str, list[str]]:
     }
 
 
-def _calibrated(row: Mapping[str, Any], values: Mapping[str, float]) -> Calibrated:
+def _calibrated(row: Mapping[str, Any], values: Values) -> Calibrated:
     return Calibrated(
         run=row["id"],
         unit=row["unit"],

@@ -55,13 +55,11 @@ class Ledger:
 
     def entries(self) -> list[Entry]:
         """Every line after the first; InputError with the line number where one is broken."""
-        lines = self._lines()
-        return [_entry(line, self.path, number) for number, line in enumerate(lines[1:], 2) if line.strip()]
+        return [entry for _, entry in self._numbered("")]
 
     def saw(self, path: str, manifest_sha256: str) -> None:
         """Note a run, by its path in the archive, where the ledger does not know it with this manifest."""
-        known = next((line for line in reversed(self._lines()) if f'"run": {json.dumps(path)}' in line), "{}")
-        if _entry(known, self.path, 0).get("manifest") != manifest_sha256:
+        if self.seen(path).get(path, (None, ""))[1] != manifest_sha256:
             self.append(_run(path, manifest_sha256))
 
     def saw_all(self, runs: Sequence[tuple[str, str]], origins: Mapping[str, str] | None = None) -> None:
@@ -74,17 +72,18 @@ class Ledger:
         if news:
             self.append(*({**new, "origin": origins[new["run"]]} if new["run"] in origins else new for new in news))
 
-    def seen(self) -> dict[str, tuple[int | None, str]]:
+    def seen(self, path: str | None = None) -> dict[str, tuple[int | None, str]]:
         """Runs by path: the number of the line in which each was first seen, and the last hash of its manifest.
 
+        With a `path` that run alone, which reads no line of another run.
         Runs of other archives have no number: this ledger saw them when they were fetched, not when they were made.
         """
         found: dict[str, tuple[int | None, str]] = {}
-        for number, entry in enumerate(self.entries(), 2):
+        for number, entry in self._numbered("" if path is None else json.dumps(path)):
             if entry.get("kind") == "run":
-                path = str(entry.get("run"))
+                run = str(entry.get("run"))
                 first = None if "origin" in entry else number
-                found[path] = found.get(path, (first, ""))[0], str(entry.get("manifest"))
+                found[run] = found.get(run, (first, ""))[0], str(entry.get("manifest"))
         return found
 
     def renewed(self) -> Ledger:
@@ -104,9 +103,12 @@ class Ledger:
             chained = chained or previous is not None
             before.update(line)
 
-    def _lines(self) -> list[str]:
-        data = _read(self.root)
-        return _whole(data).decode(errors="replace").splitlines()
+    def _numbered(self, text: str) -> Iterator[tuple[int, Entry]]:
+        """Lines after the first that hold a text, with their numbers."""
+        path, lines = self.path, _whole(_read(self.root)).decode(errors="replace").splitlines()
+        for number, line in enumerate(lines[1:], 2):
+            if text in line and line.strip():
+                yield number, _entry(line, path, number)
 
 
 def is_archive(root: Path) -> bool:

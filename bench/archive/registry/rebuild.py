@@ -93,14 +93,14 @@ def digest(rows: Rows) -> str:
 
 def _read_again(wanted: Rows, before: Rows, ledger: Ledger) -> None:
     """Read runs again that were registered or analysed after the folders had been read."""
-    rows = [(name, key, row) for name in ("runs", *OF_RUNS) for key, row in before[name].items()]
+    rows, seen = [(name, key, row) for name in ("runs", *OF_RUNS) for key, row in before[name].items()], ledger.seen()
     for run in sorted({str(key[0]) for name, key, row in rows if wanted[name].get(key) != row}):
         path = ledger.root / run.removeprefix(f"{ledger.id}/")
         if (path / MANIFEST).is_file():
             for name in ("runs", *OF_RUNS):
                 wanted[name] = {key: row for key, row in wanted[name].items() if key[0] != run}
             with suppress(InputError):  # it stands among the unreadable ones
-                update(wanted, of_run(RunFolder(path), ledger))
+                update(wanted, of_run(RunFolder(path), ledger, seen))
 
 
 def _lend(connection: Connection, wanted: Rows, before: Rows, ledger: Ledger) -> None:

@@ -110,12 +110,11 @@ def place_of(folder: RunFolder, ledger: Ledger) -> str:
     return folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
 
 
-def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | None, str]] | None = None) -> Rows:
-    """The rows of one run folder; InputError where its manifest cannot be read. `seen` saves a look at the ledger."""
+def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | None, str]]) -> Rows:
+    """The rows of one run folder, `seen` by its ledger; InputError where its manifest cannot be read."""
     rows = empty()
     manifest = folder.manifest()
     path = place_of(folder, ledger)
-    known = ledger.seen() if seen is None else seen
     unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
     certificate = CertificateRecord.find(folder.path)
     operator = manifest.operator
@@ -132,7 +131,7 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
         "cause": manifest.cause, "simulated": manifest.simulated, "corrected": manifest.corrected,
         "samples": manifest.rows, "lost": manifest.losses.get("lost"), "duration_s": manifest.duration_s,
         "software": manifest.versions.get("bench"),
-        "manifest_sha256": sha256(folder.path / MANIFEST), "seen": known[path][0] if path in known else None,
+        "manifest_sha256": sha256(folder.path / MANIFEST), "seen": seen.get(path, (None, ""))[0],
     })  # fmt: skip
     calibration, judged = CalibrationRecord.find(folder.path), LimitsRecord.find(folder.path) or LimitsRecord()
     if calibration is not None:
