@@ -6,9 +6,12 @@ The truth of the terms with memory comes from integrators of this file's own at 
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis.evidence import weigh
+from bench.analysis.diagnosis.suspects import Layout, offer
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.example import example
 from bench.analysis.effects.model import Model
+from bench.analysis.fit.design import fit_rows
 from bench.analysis.fit.fitting import fit_model
 from bench.base.errors import InputError
 from bench.record.dataset import Dataset
@@ -129,6 +132,31 @@ def test_a_lag_and_a_hysteresis_are_told_apart_in_one_fit():
         assert abs(found.theta[key] - true) < 4.0 * found.theta_std[key]
         assert found.theta_std[key] < 0.2 * true
     assert found.rms_dph == pytest.approx(SIGMA_DPH, rel=0.08)
+
+
+def with_corner(temperature, at_degc):
+    return smooth_curve(temperature) + 0.4 * np.logaddexp(0.0, temperature - at_degc)
+
+
+@pytest.mark.parametrize("at_degc", [-25.0, -8.0, 20.0, 55.0])
+def test_a_corner_behind_a_lag_is_found_wherever_it_is(at_degc):
+    """Beside a spline its place has a minimum in every interval."""
+    run = recorded(with_corner(lagged(150.0), at_degc), seed=7)
+    parts = (effects.make("spline", {"intervals": 8}), effects.make("thermal_lag"), effects.make("bias_kink"))
+    found = fit_model(Model("m", parts), run)
+    assert found.theta["bias_kink.at_degc"] == pytest.approx(at_degc, abs=0.5)
+    assert found.theta["thermal_lag.tau_s"] == pytest.approx(150.0, abs=2.0)
+    assert found.rms_dph == pytest.approx(SIGMA_DPH, rel=0.08)
+
+
+def test_a_lag_of_one_pole_is_not_taken_for_two_between_the_points_of_the_grid():
+    run = recorded(with_corner(lagged(60.0), 33.0), seed=7)
+    model = Model("m", (effects.make("spline", {"intervals": 8}), effects.make("bias_kink")))
+    theta = np.array(list(fit_model(model, run).theta.values()))
+    layout, offered = offer(Layout(fit_rows(model, (run,), None), theta, ()), [effects.make("thermal_lag")])
+    best = weigh(layout.problem, offered.candidates(layout), 0).suspects[0]
+    assert offered.effects[best.name].second == 0.0
+    assert best.theta[0] == pytest.approx(60.0, abs=1.0)
 
 
 def test_frequency_as_the_abscissa_removes_a_lag_that_frequency_follows():

@@ -301,11 +301,13 @@ def exceeded(values: FloatArray, share: float) -> float:
 
 
 def _foremost(order: Sequence[_Scanned]) -> list[_Scanned]:
-    """Of each effect the most promising shapes: two, or one where shapes are the signs of a moved abscissa."""
+    """Of each effect the two most promising shapes; of those that move the abscissa the second, which is mostly the
+    other sign of the first, only where it may become better.
+    """
     kept: list[_Scanned] = []
     for each in order:
-        others = sum(e.candidate.effect == each.candidate.effect != "" for e in kept)
-        if others < (1 if each.candidate.shift else 2):
+        others = [e for e in kept if e.candidate.effect == each.candidate.effect != ""]
+        if not others or (len(others) < 2 and (not each.candidate.shift or each.hope > others[0].rough > 0.0)):
             kept.append(each)
     return kept
 

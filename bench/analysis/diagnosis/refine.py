@@ -171,19 +171,12 @@ class Refiner:
         return Start(start.theta, point, surface.height(point))
 
     def _search(self, candidate: Candidate, start: Start) -> Start:
-        """Parameters improved at fixed noise, within one grid step of the start (one parameter) or by simplex."""
+        """Parameters improved at fixed noise: one downhill by grid steps from the start, several by simplex."""
         function = self._of_unit(candidate, start.point)
         at = _unit(candidate, start.theta)
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
-            bounds = (max(0.0, at[0] - step), min(1.0, at[0] + step))
-            least = scipy.optimize.minimize_scalar(
-                lambda u: function(np.array([u])),
-                bounds=bounds,
-                method="bounded",
-                options={"xatol": step / 200.0, "maxiter": 18},
-            )
-            unit, height = np.array([float(least.x)]), float(least.fun)
+            unit, height = _downhill(lambda u: function(np.array([u])), float(at[0]), step)
         else:
             simplex = scipy.optimize.minimize(
                 function,
@@ -225,6 +218,21 @@ class Refiner:
         way = self.lattice.at([point])[0][0]
         fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
         return np.sqrt(np.diag(fit.covariance))
+
+
+def _downhill(function: Callable[[float], float], at: float, step: float) -> tuple[FloatArray, float]:
+    """The minimum between 0 and 1 within a step of the start, or as many steps further as it lies on the edge."""
+    height = np.inf
+    while True:
+        low, high = max(0.0, at - step), min(1.0, at + step)
+        least = scipy.optimize.minimize_scalar(
+            function, bounds=(low, high), method="bounded", options={"xatol": step / 200.0, "maxiter": 18}
+        )
+        if least.fun >= height:
+            return np.array([at]), height
+        at, height = float(least.x), float(least.fun)
+        if (low == 0.0 or at - low > 0.02 * step) and (high == 1.0 or high - at > 0.02 * step):
+            return np.array([at]), height
 
 
 def _unit(candidate: Candidate, theta: Theta) -> FloatArray:

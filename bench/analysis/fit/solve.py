@@ -145,6 +145,7 @@ Objective = Callable[[FloatArray], FloatArray]
 """Parameters (m,) in their units to weighted residuals (n,) of the linear part solved for them."""
 
 _GRID = (16, 8, 5, 4)
+_PLACES = 65  # of a change point, over its range
 
 
 def search(residual: Objective, parameters: Sequence[Parameter], start: FloatArray | None = None) -> FloatArray:
@@ -164,7 +165,19 @@ def search(residual: Objective, parameters: Sequence[Parameter], start: FloatArr
 
     seeds = [units.unit(start)] if start is not None else sorted(_grid(units, parameters), key=height)[:2]
     best = min((_refined(inner, height, seed) for seed in seeds), key=height)
+    for number, parameter in enumerate(parameters if start is None else ()):
+        if parameter.change_point:
+            best = _elsewhere(inner, height, best, number)
     return units.values(best)
+
+
+def _elsewhere(inner: Objective, height: Callable[[FloatArray], float], best: FloatArray, number: int) -> FloatArray:
+    """The best where one place moves over its whole range: it has a minimum wherever the model's curve is stiff."""
+    tried = [np.where(np.arange(best.size) == number, at, best) for at in np.linspace(0.0, 1.0, _PLACES)]
+    heights = np.array([np.inf, *map(height, tried), np.inf])
+    minima = np.flatnonzero((heights[1:-1] <= heights[:-2]) & (heights[1:-1] < heights[2:]))
+    lowest = sorted(minima.tolist(), key=lambda row: heights[row + 1])[:2]
+    return min((best, *(_refined(inner, height, tried[row]) for row in lowest)), key=height)
 
 
 def _refined(inner: Objective, height: Callable[[FloatArray], float], seed: FloatArray) -> FloatArray:
