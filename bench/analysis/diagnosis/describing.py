@@ -108,7 +108,8 @@ class Describer:
         return Description(self._answer(explained.layout, beside, borne, names))
 
     def _search(self, layout: Layout, best: Point, first: FoundFormula | None = None) -> tuple[FoundFormula, ...]:
-        return FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first).search()
+        search = FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
+        return search.search(0.0 if self.check else FORMULA_EVIDENCE)
 
     def _ranked(self, layout: Layout, found: Sequence[FoundFormula], borne: Borne) -> list[_Ranked]:
         """What a search found that all evidence bears, best first, without what cannot be told from a better one."""

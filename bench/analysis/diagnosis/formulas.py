@@ -63,8 +63,11 @@ class FormulaSearch:
         self._surface.visit([self._best])
         self._refiner = Refiner(layout.problem, lattice)
 
-    def search(self) -> tuple[FoundFormula, ...]:
-        """Formulas that pay for what they estimate and for what was tried, best first; see `FORMULA_EVIDENCE`."""
+    def search(self, least: float = 0.0) -> tuple[FoundFormula, ...]:
+        """Formulas that pay for what they estimate and for what was tried, best first; see `FORMULA_EVIDENCE`.
+
+        Where none has more than the `least` evidence, what chance reaches is not simulated: it only takes from them.
+        """
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
         pairs = self.grammar.pairs()
         first = self._first
@@ -87,7 +90,7 @@ class FormulaSearch:
             found += self._grown(one, len(pairs))
         # What chance reaches beyond the usual threshold is paid for, too.
         found.sort(key=lambda one: -one.evidence)
-        chance = self._chance(library, points, paid) if found and found[0].evidence > 0.0 else 0.0
+        chance = self._chance(library, points, paid) if found and found[0].evidence > least else 0.0
         return tuple(replace(one, evidence=one.evidence - max(0.0, chance - FORMULA_EVIDENCE)) for one in found)
 
     def _price(self, count: int) -> float:
