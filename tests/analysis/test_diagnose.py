@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.diagnosis.probes import Finding
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
-from bench.analysis.diagnosis.suspects import isothermal
+from bench.analysis.diagnosis.still import Still
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
@@ -145,6 +145,15 @@ def test_a_cause_that_no_channel_records_needs_the_isothermal_run_to_be_seen(sti
     assert any("--static" in note for note in without.notes)
 
 
+def test_what_an_effect_moves_in_the_isothermal_run_is_not_taken_for_noise():
+    """The drive wanders at one temperature, too: without its part the isothermal run has less noise, not the run."""
+    unit = HiddenUnit(({"mechanism": "drive_amplitude"},)).at_strength(4.0, "short")
+    run, own = unit.run("short", seed=1), unit.run("static", seed=2)
+    answer = diagnose([run], SPLINE, static=own, candidates=[*FEW, effects.make("drive_amplitude")])
+    assert (answer.verdict, [suspect.effect for suspect in answer.found]) == ("missing_effect", ["drive_amplitude"])
+    assert answer.noise_finding == ""
+
+
 @pytest.mark.slow
 def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
     """One isothermal run leaves open how the noise drifts: ageing as large as the noise hides in it."""
@@ -166,7 +175,7 @@ def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
 )
 def test_a_sister_that_is_another_kind_of_unit_is_left_out(still, changed, said):
     sisters = [replace(HiddenUnit(), noise={**NOISE, **noise}).run("static", seed=7) for noise in ({}, changed)]
-    own = isothermal(still, INTERVAL_S)
+    own = Still.of(still, INTERVAL_S).record
     kept, (note,) = sister_records(own, sisters, INTERVAL_S)
     assert len(kept) == 1
     assert f"{sisters[1].name} was left out: it {said}" in note

@@ -27,8 +27,9 @@ from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
+from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.surface import RATE_OF_TEMPERATURE, ResidualSurface, channels_of, residual_surface
-from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, isothermal, offer, resolved
+from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, offer, resolved
 from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
@@ -40,7 +41,7 @@ from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS, TIE
-from bench.base import FloatArray, InputError
+from bench.base import FloatArray, InputError, number
 from bench.record import Dataset, refuse_mixed
 
 _LEAST_INTERVALS = 12
@@ -126,12 +127,12 @@ class _Case:
                 "without an isothermal run (--static) slow changes that no channel records look like the unit's own "
                 "noise"
             )
-        statics: tuple[Record, ...] = () if static is None else (isothermal(static, runs[0].interval_s),)
-        if sisters:
-            others, left_out = sister_records(statics[0], sisters, runs[0].interval_s)
-            statics, notes = (*statics, *others), [*notes, *left_out]
+        still, others = None if static is None else Still.of(static, runs[0].interval_s), tuple[Record, ...]()
+        if sisters and still is not None:
+            others, left_out = sister_records(still.record, sisters, runs[0].interval_s)
+            notes += left_out
         rows = fit_rows(fit.model, runs, kept)
-        layout = Layout(rows, np.array(list(fit.theta.values())), statics)
+        layout = Layout(rows, np.array(list(fit.theta.values())), still, others)
         layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
         floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
@@ -156,7 +157,8 @@ class _Case:
         improved = unseen(explained.layout.rows, explained.layout.theta, check) if explained.steps else base
         suspects = ranking.suspects()
         slow = structure(self.layout) if explained.word == "adequate" else ""
-        decision = decide(explained, suspects, base, improved, self._expected_dph, slow)
+        floor_dph, floor_note = self._floor(explained)
+        decision = decide(explained, suspects, base, improved, self._expected(floor_dph), slow)
         steps = self.layout.resolution.words()
         if steps and not explained.steps and decision.word == "unknown_effect":
             decision = replace(decision, word="undecided", proved=False, why=steps)
@@ -178,7 +180,7 @@ class _Case:
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
             noise_finding=_DRIFTS if explained.drifts and not steps else self.noise,
-            notes=self.notes,
+            notes=(*self.notes, *floor_note),
             model=self.fit.model,
             improved=explained.layout.rows.model,
             residuals=base.residuals,
@@ -186,7 +188,7 @@ class _Case:
             static="" if self.static is None else self.static.name,
             sisters=self.sisters,
         )
-        describer = Describer(self.lattice, check, self.floor_dph, seed, workers)
+        describer = Describer(self.lattice, check, floor_dph, seed, workers)
         formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
             proved = False if answer.found else formulas[0].proof.proved
@@ -213,13 +215,27 @@ class _Case:
         residual = self.layout.stacked(self.fit.residuals)
         return residual_surface(self.layout, residual, channels, noise)
 
-    @property
-    def _expected_dph(self) -> float:
+    def _floor(self, explained: Explanation) -> tuple[float, tuple[str, ...]]:
+        """The noise floor [deg/h], without what the effects found move in the isothermal run, and the note of that."""
+        problem, before = explained.layout.problem, self.layout.problem.statics
+        if not before or problem.statics[0].X.shape == before[0].X.shape:
+            return self.floor_dph, ()
+        own = profile_noise(problem.base, problem.y, problem.time_s, problem.statics, problem.interval_s).noise
+        floor_dph = own.std_of_means(problem.interval_s, float(np.ptp(self.layout.rows.time[0])))
+        if not floor_dph < self.floor_dph:
+            return self.floor_dph, ()
+        text = (
+            f"the isothermal run has a part of the effects found; without them its noise floor is {number(floor_dph)}"
+        )
+        return floor_dph, (f"{text} deg/h",)
+
+    def _expected(self, floor_dph: float) -> float:
         """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""
         if self.layout.white is None:
-            return self.floor_dph
-        white = 0.5 * float(np.mean(self.layout.statics[0].steps(self.layout.problem.interval_s) ** 2))
-        return float(np.sqrt(max(self.floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
+            return floor_dph
+        still = self.layout.problem.statics[0]
+        white = 0.5 * float(np.mean(still.steps(self.layout.problem.interval_s) ** 2))
+        return float(np.sqrt(max(floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
 
     def _formulas(
         self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool
@@ -228,7 +244,11 @@ class _Case:
 
         Only what unseen data bear, or do not judge; and whether the best explains more than the effects found.
         """
-        if explained.word == "missing_effect" and proved and improved.shape_dph <= EXPLAINED_RATIO * self.floor_dph:
+        if (
+            explained.word == "missing_effect"
+            and proved
+            and improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
+        ):
             return (), False
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False

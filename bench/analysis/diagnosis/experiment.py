@@ -30,7 +30,8 @@ from bench.analysis.diagnosis.plan import (
     repetitions,
 )
 from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
-from bench.analysis.diagnosis.suspects import Layout, isothermal, offer
+from bench.analysis.diagnosis.still import Still
+from bench.analysis.diagnosis.suspects import Layout, offer
 from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
@@ -129,8 +130,8 @@ def next_experiment(
         except InputError:  # these rows do not determine what was found before it: nothing can be predicted
             return None
         rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
-        statics = () if static is None else (isothermal(static, runs[0].interval_s),)
-        layout = Layout(rows, np.array(list(fitted.theta.values())), statics)
+        still = None if static is None else Still.of(static, runs[0].interval_s)
+        layout = Layout(rows, np.array(list(fitted.theta.values())), still)
         layout, offered = offer(layout, [effects.make(name) for name in tied])
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
         best = {name: next((s for s in evidence.suspects if s.effect == name), None) for name in tied}

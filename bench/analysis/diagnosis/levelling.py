@@ -20,7 +20,7 @@ _SURE = 4.0  # standard deviations of a bin's logarithm
 
 def levelled(layout: Layout) -> tuple[Layout, str]:
     """The layout with the white noise of its run, and the finding in words; as it was where they do not differ."""
-    if not layout.statics:
+    if layout.still is None:
         return layout, ""
     problem = layout.problem
     near = np.flatnonzero(np.diff(problem.time_s) < 1.5 * problem.interval_s)

@@ -136,17 +136,25 @@ def periodogram(whitened: FloatArray, q: FloatArray, way: Whitener, time_s: Floa
 
 
 def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding:
-    """Test whether the run has the noise of the isothermal records."""
-    statistic, ratio = unlike(problem.records()[:1], problem.statics, lattice, point)
-    note = f"white noise of the run is {ratio:.2f} times that of the isothermal run"
-    p = chi2_tail(statistic, UNLIKE_FREEDOM)
-    return Finding("noise", p, statistic, UNLIKE_FREEDOM, np.zeros(len(problem.y)), note=note)
+    """Test whether the run has the noise of the isothermal records, or less slow noise: nothing is missing then."""
+    found = unlike(problem.records()[:1], problem.statics, lattice, point)
+    note = f"white noise of the run is {found.whiter:.2f} times that of the isothermal run"
+    p = chi2_tail(found.statistic, UNLIKE_FREEDOM) if found.slower > 1.0 or found.whiter > 1.0 else 1.0
+    return Finding("noise", p, found.statistic, UNLIKE_FREEDOM, np.zeros(len(problem.y)), note=note)
 
 
-def unlike(
-    one: Sequence[Record], other: Sequence[Record], lattice: NoiseLattice, start: Point | None = None
-) -> tuple[float, float]:
-    """Likelihood ratio of two noises against one, chi-squared with UNLIKE_FREEDOM, and the ratio of the white noises.
+class Unlike(NamedTuple):
+    """Likelihood ratio of two noises against one, chi-squared with UNLIKE_FREEDOM; white and slow noise of the first
+    over those of the second (standard deviations, of slow noise over the time of the first).
+    """
+
+    statistic: float
+    whiter: float
+    slower: float
+
+
+def unlike(one: Sequence[Record], other: Sequence[Record], lattice: NoiseLattice, start: Point | None = None) -> Unlike:
+    """Compare the noise of records.
 
     `lattice` is of all records in this order; the search begins at `start`, or looks everywhere.
     """
@@ -161,13 +169,16 @@ def unlike(
     records = (*one, *other)
     together, best = lowest(records, lattice)
     joint, at = together.height(best), best if start is None else start
-    alone, sizes = [], []
+    alone, white, slow = [], [], []
+    hours = float(np.ptp(one[0].time_s)) / 3600.0
     for part, offset in ((one, 0), (other, len(one))):
         surface, best = lowest(part, lattice.part(offset, len(part)))
         alone.append(surface.height(best))
-        sizes.append(surface.known[best][1])
+        white.append(surface.known[best][1])
+        ratios = lattice.ratios(best)
+        slow.append(white[-1] * (ratios.flicker + ratios.walk * hours / 6.0))  # a walk's variance about its mean
     statistic = max(0.0, joint - sum(alone)) / _heaviness(records, lattice, at)
-    return statistic, float(np.sqrt(sizes[0] / sizes[1]))
+    return Unlike(statistic, float(np.sqrt(white[0] / white[1])), float(np.sqrt(slow[0] / max(slow[1], 1e-300))))
 
 
 def _heaviness(records: Sequence[Record], lattice: NoiseLattice, point: Point) -> float:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.analysis.diagnosis.probes import UNLIKE_FREEDOM, unlike
-from bench.analysis.diagnosis.suspects import isothermal
+from bench.analysis.diagnosis.still import Still
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.noise.probability import chi2_tail
 from bench.record import Dataset
@@ -30,10 +30,10 @@ def sister_records(
     """
     kept, notes = [], []
     for sister in sisters:
-        record = isothermal(sister, interval_s)
+        record = Still.of(sister, interval_s).record
         whiter = float(np.mean(record.steps(interval_s) ** 2) / np.mean(own.steps(interval_s) ** 2))
         record = replace(record, white=whiter * (np.ones(len(record.y)) if record.white is None else record.white))
-        statistic, _ = unlike((own,), (record,), NoiseLattice((own, record), interval_s))
+        statistic = unlike((own,), (record,), NoiseLattice((own, record), interval_s)).statistic
         p, size = chi2_tail(statistic, UNLIKE_FREEDOM), float(np.sqrt(whiter))
         if p >= _LEVEL and 1.0 / _WHITER <= size <= _WHITER:
             kept.append(record)

@@ -6,15 +6,16 @@ temperature. The model's own nonlinear parameters take part through the slopes o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
-from bench.analysis.diagnosis.probes import Probe, despike, usual
+from bench.analysis.diagnosis.probes import Probe, usual
 from bench.analysis.diagnosis.resolution import Resolution, resolution
+from bench.analysis.diagnosis.still import Still
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.catalogue import catalogue
@@ -22,12 +23,11 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
 from bench.analysis.noise.likelihood import Record
-from bench.analysis.thresholds import LEAST_PRESENT, LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
+from bench.analysis.thresholds import LEAST_PRESENT
 from bench.base import INSTRUMENTS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 _APART_S = 30 * 86400.0
-_SETTLES_S = 900.0  # of an isothermal run's first part: warm-up and gradients that the thermometer does not see
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _POINTS_OF_PLACE = 64  # of a place in temperature: about two degrees apart, what happens there is wider
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate",
@@ -40,7 +40,10 @@ class Layout:
 
     rows: design.FitRows
     theta: FloatArray
-    statics: tuple[Record, ...] = ()
+    still: Still | None = None
+    """The unit's isothermal run."""
+    sisters: tuple[Record, ...] = ()
+    """Isothermal runs of units like this one."""
     white: FloatArray | None = None
     """White variance of the rows (n,) relative to the isothermal records', where it is not the same."""
     resolution: Resolution = field(default_factory=Resolution)
@@ -57,7 +60,7 @@ class Layout:
             y=self.rows.y,
             base=np.hstack([columns, self._others]),
             interval_s=self.rows.records[0].interval_s,
-            statics=self.statics,
+            statics=() if self.still is None else (self.still.beside(self._terms_of(self.still.means)), *self.sisters),
             white=(1.0 if self.white is None else self.white) / self.rows.weights,
         )
 
@@ -127,11 +130,14 @@ class Layout:
     def seen(self) -> tuple[Dataset, ...]:
         """The records with the temperature that the model's terms see."""
         bound, _ = self.rows.bind(self.theta, trial=True)
-        records = self.rows.records
+        return tuple(_moved(bound, record) for record in self.rows.records)
+
+    def _terms_of(self, record: Dataset) -> Iterator[FloatArray]:
+        """What each term of the fitted model is in another record (n,) [deg/h], as far as it has the channels."""
+        bound, moved = self._fitted, _moved(self.rows.bind(self.theta, trial=True)[0], record)
         for key, effect in zip(bound.keys, bound.effects, strict=True):
-            if effect.moves_abscissa:
-                records = tuple(r.with_channel("temperature", effect.abscissa(r, bound.theta[key])) for r in records)
-        return records
+            if all(name in record.channels for name in effect.needs):
+                yield effect.columns(moved, bound.theta[key]) @ self._beta[bound.slices[key]]
 
     def curve(self, seen: Sequence[Dataset]) -> FloatArray:
         """The fitted curve (n,) [deg/h] at the temperatures of these records, which all terms see."""
@@ -184,6 +190,14 @@ class Layout:
         beta = solve(columns, self.rows.y, self.rows.weights).beta
         slopes = self.rows.slopes(self.theta, lambda moved: self.rows.bind(moved, trial=True)[1] @ beta)
         return [slope for slope in slopes if np.all(np.isfinite(slope)) and np.any(slope)]
+
+
+def _moved(bound: design.Bound, record: Dataset) -> Dataset:
+    """The record with the temperature that the terms of a model see."""
+    for key, effect in zip(bound.keys, bound.effects, strict=True):
+        if effect.moves_abscissa:
+            record = record.with_channel("temperature", effect.abscissa(record, bound.theta[key]))
+    return record
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,30 +272,6 @@ def _absent(layout: Layout, effect: Effect) -> str:
             if present < LEAST_PRESENT:
                 return f"{record.name}: channel '{channel}' has values in only {100 * present:.0f} % of the rows"
     return ""
-
-
-def isothermal(static: Dataset, interval_s: float) -> Record:
-    """A run at constant temperature as a record of noise, beside its own constant, temperature and settling.
-
-    A trend in time, which the temperature does not explain, is left to the noise: nothing else tells a slow cause from
-    a random walk.
-    Raises InputError: rows longer than `interval_s`, or too few of them stand still.
-    """
-    record = static.average(interval_s)
-    still = np.isfinite(record.bias) & (np.abs(np.nan_to_num(record.dT_dt)) < SETTLED_DEGC_PER_MIN)
-    if still.sum() < LEAST_STATIC_ROWS:
-        raise InputError(
-            f"static run {static.name} has {still.sum()} means over {interval_s:g} s with the temperature standing "
-            f"still, at least {LEAST_STATIC_ROWS} are needed: record some hours at one temperature"
-        )
-    kept = record.select(still)
-    kept = kept.select(despike(kept.bias))  # as the runs are
-    count = kept.count("rate")
-    settling = np.exp((kept.time[0] - kept.time) / _SETTLES_S)
-    temperature = kept.channel("temperature")
-    moved = np.nan_to_num(temperature - np.nanmean(temperature))
-    trend = np.column_stack([np.ones_like(settling), settling, moved])
-    return Record(kept.time, kept.bias, trend, np.maximum(np.median(count) / count, 1.0))
 
 
 def resolved(layout: Layout, floor_dph: float) -> Layout:
