@@ -119,6 +119,22 @@ def test_one_that_stops_answering_ends_the_run_in_the_safe_state(world, tmp_path
     assert all(event["ok"] for event in events if event["kind"] == "safe_state" and "ok" in event)
 
 
+@pytest.mark.parametrize("said", ["garbage", "1,NAN,K", "1,1e400,K", "1,0,K", "", "9" * 5000])
+def test_answers_that_are_none_end_the_run_as_silence_does(world, tmp_path, said):
+    def spoil(_):
+        world[0].instruments["thermometer"].server.take = lambda line: said
+
+    settings = station(THERMOMETER | {"link": {"degraded_after_s": 2, "lost_after_s": 5}}, HEATER)
+    result = run_job(acquisition.job(tmp_path, acquisition.LONG, settings), acquisition.at(20.0, spoil))
+    assert result.error.exit_code == 4
+    assert len(str(result.error)) < 200
+    assert str(result.error).startswith("instrument thermometer link lost for 5 s: ")
+    assert not world[0].instruments["heater"].on
+    shown = load(result.run.path, 1.0).channels["reference_temperature"]
+    assert np.isfinite(shown[5:18]).all()
+    assert np.isnan(shown[22:]).all()
+
+
 def test_the_silence_of_an_optional_one_is_noted(world, tmp_path):
     def gone():
         world[0].instruments["hygrometer"].close()
@@ -275,6 +291,21 @@ def test_a_slow_instrument_does_not_hold_up_the_loop():
         while not journal.some.wait(0.01):
             instruments.poll()
         assert instruments.latest["voltage"].value == 1.5
+
+
+def test_an_instrument_whose_library_does_not_return_is_lost():
+    go, clock = threading.Event(), WallClock()
+    server = ScpiInstrument("M,M,1,1", {"V?": lambda: str(go.wait(10.0))})
+    one = {"name": "stuck", "address": server.address, "timeout_s": 10, "read": [{"channel": "voltage", "query": "V?"}]}
+    with ExitStack() as stack:
+        stack.callback(server.close)
+        instruments = Instruments([_instrument(one)], clock, Told(), stack)
+        stack.callback(go.set)
+        clock.now = lambda: 2.0
+        instruments.poll()
+        clock.now = lambda: 48.0
+        with pytest.raises(EquipmentError, match="instrument stuck is lost: no answer within 45 s"):
+            instruments.poll()
 
 
 def test_the_watchdog_switches_off_what_a_killed_bench_left_on():

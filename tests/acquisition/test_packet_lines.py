@@ -16,6 +16,8 @@ from bench.acquisition.station.wires import wire_findings
 from bench.base import InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import load
+from bench.record.samples import read_samples
+from drivers.packet_bus import MemoryLine
 from tests.support import acquisition
 
 CRC = {"width": 16, "poly": 0x1021, "init": 0xFFFF, "order": "big"}
@@ -65,6 +67,41 @@ def test_packets_that_are_lost_or_broken_are_counted(tmp_path, counted):
     given["faults"] = [{"at_s": 10, "on": "LINE-1", "fault": "silence", "for_s": 2}]
     manifest = run_job(acquisition.job(tmp_path, settings=station(given))).run.manifest()
     assert manifest.losses["lost"] == 1000
+
+
+SPOILT = {
+    "noise between packets": lambda packet, k: bytes([0xAA, 0x55, k % 256]) + packet,
+    "a byte too few": lambda packet, k: packet[: k % len(packet)] + packet[k % len(packet) + 1 :],
+    "cut": lambda packet, k: packet[: k % len(packet)],
+    "a flipped bit": lambda packet, k: packet[:5] + bytes([packet[5] ^ 1]) + packet[6:],
+}
+
+
+@pytest.mark.parametrize("kind", ["header", "cobs"])
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_bytes_that_are_wrong_cost_their_packets_and_are_counted(tmp_path, monkeypatch, kind, spoilt):
+    """Every 23rd packet for 20 s; what is between two COBS packets is part of the next one."""
+    sent, write = [], MemoryLine.write
+
+    def send(line, data, t_s):
+        sent.append(t_s)
+        bad = 10 < t_s < 30 and len(sent) % 23 == 0
+        write(line, SPOILT[spoilt](data, len(sent)) if bad else data, t_s)
+
+    monkeypatch.setattr(MemoryLine, "write", send)
+    run = run_job(acquisition.job(tmp_path, settings=station(content(kind)))).run
+    losses = {name: count for name, count in run.manifest().losses.items() if count and name != "received"}
+    struck = len([t_s for k, t_s in enumerate(sent, 1) if 10 < t_s < 30 and k % 23 == 0])
+    if (kind, spoilt) == ("header", "noise between packets"):
+        assert losses == {}
+    else:
+        assert losses.keys() == {"lost"}
+        assert 0.8 * struck <= losses["lost"] <= 2 * struck  # an end that is lost costs the next packet, too
+    times, rates = read_samples(run.data, "time", "rate").values()
+    heard = times[np.isfinite(rates)]
+    assert len(heard) + losses.get("lost", 0) == round((heard[-1] - heard[0]) * 500) + 1
+    [counts] = [event for event in run.events() if event["kind"] == "capture"]
+    assert counts["error_frames"] >= 0.8 * struck
 
 
 def test_the_doctor_hears_a_unit_on_a_pty_and_on_udp():
