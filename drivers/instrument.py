@@ -385,6 +385,11 @@ def open_line(
         return ModbusLink(address, device_id=device, timeout_s=timeout_s, attempts=1)
     if "::" in address:
         return VisaLine(address, baudrate, timeout_s, library)
+    try:
+        if address.startswith(SOCKET) and not urlsplit(address).port:
+            raise ValueError("must name a port, as in socket://192.0.2.20:5025")
+    except ValueError as error:
+        raise ConfigError(f"address {address!r}: {one_line(error)}") from None
     return SerialLine(address, baudrate, timeout_s)
 
 

@@ -86,8 +86,10 @@ def refusal(channel: str, baudrate: int | None, options: Mapping[str, Any]) -> s
     if scheme in ("memory", "daq"):
         return None
     try:
+        if scheme in ("udp", "udp-to", "socket") and not urlsplit(channel).port:
+            return f"is {channel!r}: {_NO_PORT}"
         if scheme in ("udp", "udp-to"):
-            return None if urlsplit(channel).port is not None else f"is {channel!r}: {_NO_PORT}"
+            return None
         serial.serial_for_url(channel, baudrate=baudrate or 115_200, do_not_open=True, **options)
     except (ValueError, TypeError) as error:
         return f"is {channel!r}: {one_line(error)}; see `channel`, `bitrate` and `options`"

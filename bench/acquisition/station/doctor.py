@@ -112,6 +112,8 @@ def _chamber(found: Examination, settings: StationSettings, clock: Clock) -> Non
     chamber, connection = settings.chamber, settings.chamber.connection
     registers = load_map(chamber.map)
     assert connection is not None  # checked with the file
+    for text in registers.doubts():
+        found.add("word order", "unknown", text)
     link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s, attempts=1)
     with closing(link):
         try:
