@@ -104,6 +104,33 @@ def test_bytes_that_are_wrong_cost_their_packets_and_are_counted(tmp_path, monke
     assert counts["error_frames"] >= 0.8 * struck
 
 
+@pytest.mark.parametrize("until_s", [23, 1e9], ids=["for 3 s", "for good"])
+def test_a_line_that_is_unplugged_is_lost_or_its_gap_counted(tmp_path, monkeypatch, until_s):
+    out, read = [False], MemoryLine.read
+
+    def unplugged(line, timeout):
+        if not out[0]:
+            return read(line, timeout)
+        line._chunks.clear()
+        raise OSError(5, "Input/output error")
+
+    def look(_, status):
+        out[0] = 20 <= status.t_s < until_s
+
+    monkeypatch.setattr(MemoryLine, "read", unplugged)
+    text = acquisition.SHORT if until_s < 1e9 else acquisition.LONG
+    result = run_job(acquisition.job(tmp_path, text, station(content())), look)
+    lost = result.run.manifest().losses["lost"]
+    if until_s < 1e9:
+        assert (result.error, lost) == (None, 1500)
+    else:
+        assert (result.error.exit_code, lost) == (4, 0)
+        assert str(result.error) == "bus line0 link lost for 4 s: [Errno 5] Input/output error"
+    steps = [event["ok"] for event in result.run.events() if event["kind"] == "safe_state" and "ok" in event]
+    assert steps
+    assert all(steps)
+
+
 def test_the_doctor_hears_a_unit_on_a_pty_and_on_udp():
     for kind, channel in (("header", "/dev/ttyUSB0"), ("datagram", "udp://0.0.0.0:5005")):
         found = {(one.what, one.verdict) for one in examine(station(content(kind, channel)), 0.5).findings}
