@@ -17,6 +17,7 @@ from bench.base import InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import load
 from bench.record.samples import read_samples
+from drivers.framing import Framing
 from drivers.packet_bus import MemoryLine
 from tests.support import acquisition
 
@@ -135,6 +136,15 @@ def test_the_doctor_hears_a_unit_on_a_pty_and_on_udp():
     for kind, channel in (("header", "/dev/ttyUSB0"), ("datagram", "udp://0.0.0.0:5005")):
         found = {(one.what, one.verdict) for one in examine(station(content(kind, channel)), 0.5).findings}
         assert {("bus line0", "agrees"), ("unit LINE-1", "agrees")} <= found
+
+
+def test_the_doctor_says_that_bytes_come_which_are_no_packets(monkeypatch):
+    encode = Framing.encode
+    monkeypatch.setattr(Framing, "encode", lambda *given: encode(*given)[:-1] + b"?")
+    found = {one.what: (one.verdict, one.detail) for one in examine(station(content()), 0.5).findings}
+    verdict, detail = found["bus line0"]
+    assert verdict == "disagrees"
+    assert detail.endswith("all of them bytes that are no packet: compare framing, check sum and baud rate")
 
 
 @pytest.mark.parametrize(
