@@ -102,7 +102,7 @@ class Recorder:
                     age_ns = self._lag.age_ns(now_ns, time.time_ns() - round(message.timestamp * 1e9))
                     t_ns = now_ns - age_ns - self._start_ns
                     records.append(to_record(message, t_ns, 0, self._room))
-                except ValueError:  # a long CAN FD frame, or a line that the interface cannot parse
+                except (ValueError, IndexError):  # a long CAN FD frame, or a line that the interface cannot parse
                     self._tally.unreadable += 1
                     if within_ns:
                         continue
@@ -112,7 +112,9 @@ class Recorder:
                 if message.is_error_frame:
                     self._tally.error_frames += 1
                 self._watch_controller(message)
-        except OSError as error:  # some interfaces raise the error of the operating system
+        except can.CanError:
+            raise
+        except Exception as error:  # an OSError, or whatever else an interface of others raises
             raise can.CanOperationError(one_line(error)) from error
         finally:
             self._watch_lag(behind_ns)

@@ -54,7 +54,7 @@ def _chapter(name: str, registers: RegisterMap) -> Iterator[str]:
 
 
 def _row(register: Register) -> str:
-    order = "" if register.count == 1 or register.type == "ascii" else f", {register.word_order.replace('_', ' word ')}"
+    order = f", {register.word_order.replace('_', ' word ')}" if register.word_order and register.count == 2 else ""
     mask = "" if register.mask is None else f", bits {register.mask:#06x}"
     decimals = f", decimals in `{register.decimals}`" if register.decimals else ""
     access = f"read {register.read}" + (f", write {register.write}" if register.write else "")

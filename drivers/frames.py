@@ -23,10 +23,13 @@ def _record(room: int) -> struct.Struct:
 
 
 def to_record(message: can.Message, t_ns: int, channel: int = 0, room: int = CLASSICAL_BYTES) -> bytes:
-    """One record with `room` bytes for data, received at `t_ns` [ns]; ValueError for a frame that has more."""
+    """One record with `room` bytes for data, received at `t_ns` [ns]; ValueError for one that has more or was cut."""
     if message.dlc > room:
         text = f"{message.dlc} bytes, classical CAN has {room}; state `fd: true` for its bus"
         raise ValueError(f"CAN FD frame 0x{message.arbitration_id:X}: {text}")
+    data = bytes(message.data)
+    if len(data) < message.dlc and not (message.is_remote_frame or message.is_error_frame):
+        raise ValueError(f"frame 0x{message.arbitration_id:X} has {len(data)} of {message.dlc} bytes")
     flags = (
         FLAG_EXTENDED * message.is_extended_id
         | FLAG_REMOTE * message.is_remote_frame
@@ -34,7 +37,7 @@ def to_record(message: can.Message, t_ns: int, channel: int = 0, room: int = CLA
         | FLAG_FD * message.is_fd
         | FLAG_FAST * message.bitrate_switch
     )
-    return _record(room).pack(t_ns, message.arbitration_id, flags, message.dlc, channel, 0, bytes(message.data))
+    return _record(room).pack(t_ns, message.arbitration_id, flags, message.dlc, channel, 0, data)
 
 
 def to_frames(records: Iterable[bytes]) -> FrameArray:

@@ -186,18 +186,20 @@ class Piece(NamedTuple):
 
 
 class Deframer:
-    """Finds the packets in bytes as they arrive. What comes before the first one is the end of an earlier packet."""
+    """Finds the packets in bytes as they arrive. A little before the first one is the end of an earlier."""
 
     def __init__(self, framing: Framing) -> None:
         self._framing = framing
         self._rest = b""
         self._found = False
+        self._skipped = 0
 
     def feed(self, data: bytes) -> Iterator[Piece]:
         """The packets that are complete now, and what is broken."""
         find = {"slip": self._delimited, "cobs": self._delimited, "header": self._headed}
         for piece in find.get(self._framing.kind, self._datagram)(data):
-            self._found = self._found or piece.whole
+            self._skipped += len(piece.packet)
+            self._found = self._found or piece.whole or self._skipped > 2 * self._framing.room
             if self._found:
                 yield piece
 

@@ -30,6 +30,7 @@ IDENTIFY = "*IDN?"
 SOCKET = "socket://"
 _NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
 _NO_NUMBER = 9.9e37
+_LONGEST = 1000
 _MODEL = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
@@ -147,6 +148,14 @@ def _near(wanted: Value, said: Value, tolerance: float) -> bool:
         return False
 
 
+def _text(query: str, raw: bytes) -> str:
+    """An answer as text; LinkError for one that is too long to be one."""
+    said = raw.decode("ascii", errors="replace").strip()
+    if len(said) > _LONGEST:
+        raise LinkError(f"{query}: an answer of {len(said)} characters, which begins with {said[:40]!r}")
+    return said
+
+
 class Line(Protocol):
     """Carries SCPI to one instrument. LinkError when it does not."""
 
@@ -175,7 +184,7 @@ class SerialLine:
             raw = bytes(port.read_until(b"\n"))
             if not raw.endswith(b"\n"):
                 raise LinkError(f"{query}: no answer within {self._where[2]:g} s")
-        return raw.decode("ascii", errors="replace").strip()
+        return _text(query, raw)
 
     def send(self, command: str) -> None:
         """See Line."""
@@ -186,7 +195,7 @@ class SerialLine:
         """See Line."""
         port, self._port = self._port, None
         if port is not None:
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(Exception):
                 port.close()
 
     @contextlib.contextmanager
@@ -198,14 +207,14 @@ class SerialLine:
             elif self._port is None:
                 import serial
 
-                self._port = serial.Serial(address, baudrate, timeout=timeout_s)
+                self._port = serial.Serial(address, baudrate, timeout=timeout_s, write_timeout=timeout_s)
             yield self._port
-        except (OSError, ValueError) as error:  # those of pyserial, too
-            self.close()
-            raise LinkError(f"{address}: {one_line(error)}") from error
         except LinkError:
             self.close()
             raise
+        except Exception as error:  # pyserial lets those of termios through
+            self.close()
+            raise LinkError(f"{address}: {one_line(error)}") from error
 
 
 class _Socket:
@@ -250,11 +259,10 @@ class VisaLine:
     def __init__(self, address: str, baudrate: int, timeout_s: float, library: str = "@py") -> None:
         """ConfigError without PyVISA. `library`: `@py` is pyvisa-py, `@ivi` the library of a maker."""
         try:
-            import pyvisa
+            import pyvisa  # noqa: F401
         except ImportError:
             text = f"{address}: a VISA address needs PyVISA: pip install 'gyro-thermal-bench[instruments]'"
             raise ConfigError(f"{text}; or give socket://HOST:PORT or a serial port") from None
-        self._errors = (pyvisa.Error, OSError, ValueError, AttributeError)
         self._address, self._baudrate, self._timeout_s, self._library = address, baudrate, timeout_s, library
         self._manager: Any = None
         self._resource: Any = None
@@ -264,7 +272,7 @@ class VisaLine:
         raw = bytes(self._do(lambda resource: resource.write(query) and resource.read_raw()))
         if not raw.strip():
             raise LinkError(f"{query}: no answer")
-        return raw.decode("ascii", errors="replace").strip()
+        return _text(query, raw)
 
     def send(self, command: str) -> None:
         """See Line."""
@@ -274,7 +282,7 @@ class VisaLine:
         """See Line."""
         resource, self._resource = self._resource, None
         if resource is not None:
-            with contextlib.suppress(*self._errors):
+            with contextlib.suppress(Exception):
                 resource.close()
 
     def _do(self, action: Any) -> Any:
@@ -289,7 +297,7 @@ class VisaLine:
                 if self._address.upper().startswith("ASRL"):
                     self._resource.baud_rate = self._baudrate
             return action(self._resource)
-        except self._errors as error:
+        except Exception as error:  # each library has errors of its own, beside those of PyVISA
             self.close()
             raise LinkError(f"{self._address}: {one_line(error)}") from error
 
@@ -377,6 +385,11 @@ def open_line(
         return ModbusLink(address, device_id=device, timeout_s=timeout_s, attempts=1)
     if "::" in address:
         return VisaLine(address, baudrate, timeout_s, library)
+    try:
+        if address.startswith(SOCKET) and not urlsplit(address).port:
+            raise ValueError("must name a port, as in socket://192.0.2.20:5025")
+    except ValueError as error:
+        raise ConfigError(f"address {address!r}: {one_line(error)}") from None
     return SerialLine(address, baudrate, timeout_s)
 
 

@@ -137,7 +137,10 @@ class Layout:
             yield "no serial number: another unit in the place of this one is not noticed"
         if self.beat is None or "state" not in self.beat.signals:
             yield "no state in a heartbeat: a unit that starts anew within 50 ms is not noticed"
-        if not any(THERMOMETERS.fullmatch(name) for name in self.channels):
+        thermometers = {name: one.scale for name, (one, _) in self.channels.items() if THERMOMETERS.fullmatch(name)}
+        for name in [name for name, scale in thermometers.items() if scale < 0]:
+            yield f"scale of {name} is {thermometers[name]:g}: it falls as its number rises; compare with the chamber"
+        if not thermometers:
             yield "no thermometer: the air of the chamber takes its place, which the unit follows minutes later"
         if not (self.first.states.watched or any(source.states.watched for source in self.others)):
             yield "no status: samples that the unit itself holds for wrong are not left out"
@@ -166,6 +169,8 @@ def converted(channel: str, message: Message, signal: Signal) -> tuple[Signal, f
         found = conversion(signal.unit, _KEPT["temperature" if THERMOMETERS.fullmatch(channel) else channel], channel)
     except ConfigError as error:
         raise ConfigError(f"{channel}: {message.name}.{signal.name} has the unit '{signal.unit}': {error}") from None
+    if signal.scale == 0:
+        raise ConfigError(f"{channel}: {message.name}.{signal.name} has the scale 0: every value would be the offset")
     if not found.offset:
         return signal, found.factor
     shift = found.offset / found.factor

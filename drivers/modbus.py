@@ -16,11 +16,14 @@ from __future__ import annotations
 
 import logging
 import select
+import socket
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, Union
-from urllib.parse import parse_qsl, urlsplit
+from typing import TYPE_CHECKING, Any, TypeAlias, Union
+from urllib.parse import SplitResult, parse_qsl, urlsplit
+
+import serial
 
 from drivers.backoff import BackOff
 from drivers.errors import ConfigError, LinkError, NoConnectionError, RefusedError
@@ -178,7 +181,7 @@ class ModbusLink:
 
         if not self._client.connected:
             if not self._client.connect():
-                raise NoConnectionError("no connection")
+                raise NoConnectionError(f"no connection{unknown_host(self.url)}")
             self.counters.connections += 1
         self._discard_waiting()
         self._sent_s = time.monotonic()
@@ -261,27 +264,44 @@ class ModbusLink:
             raise LinkError(f"connection lost: {error}") from error
 
 
+def unknown_host(url: str) -> str:
+    """`: host NAME is not known`, where the host of an address cannot be resolved; else nothing."""
+    host = urlsplit(url).hostname
+    if host is None:
+        return ""
+    try:
+        socket.getaddrinfo(host, None)
+    except OSError:
+        return f": host {host} is not known to this computer"
+    return ""
+
+
 def _client(url: str, timeout_s: float, keep: Callable[[bool, bytes], bytes]) -> tuple[_Client, bool]:
     """The pymodbus client for `url`, and whether its framing numbers the requests."""
     from pymodbus.client import ModbusSerialClient, ModbusTcpClient
     from pymodbus.framer import FramerType
 
+    parts, given = address(url)
+    if parts.scheme == "rtu":
+        return ModbusSerialClient(parts.path, timeout=timeout_s, retries=0, **given), False
+    numbered = parts.scheme == "tcp"
+    framer = FramerType.SOCKET if numbered else FramerType.RTU
+    port, host = parts.port or (502 if numbered else 10001), parts.hostname or ""
+    client = ModbusTcpClient(host, port=port, framer=framer, timeout=timeout_s, retries=0, trace_packet=keep)
+    return client, numbered
+
+
+def address(url: str) -> tuple[SplitResult, dict[str, Any]]:
+    """An address and the options of its serial port; ConfigError for one that cannot be. Nothing is opened."""
     try:
         parts = urlsplit(url)
         options = dict(parse_qsl(parts.query, strict_parsing=bool(parts.query)))
-        if parts.scheme in ("tcp", "rtu+tcp") and parts.hostname and not options:
-            numbered = parts.scheme == "tcp"
-            framer = FramerType.SOCKET if numbered else FramerType.RTU
-            port = parts.port or (502 if numbered else 10001)
-            client = ModbusTcpClient(
-                parts.hostname, port=port, framer=framer, timeout=timeout_s, retries=0, trace_packet=keep
-            )
-            return client, numbered
+        if parts.scheme in ("tcp", "rtu+tcp") and parts.hostname and not options and parts.port != 0:
+            return parts, {}
         if parts.scheme == "rtu" and parts.path and options.keys() <= _SERIAL_KEYS.keys():
             given = {key: _SERIAL_KEYS[key](text) for key, text in options.items()}
-            return ModbusSerialClient(parts.path, timeout=timeout_s, retries=0, **given), False
+            serial.serial_for_url(parts.path, do_not_open=True, **given)
+            return parts, given
     except ValueError as error:
-        raise ConfigError(f"chamber address {url!r}: {error}") from error
-    raise ConfigError(
-        f"chamber address {url!r}: use tcp://host:port, rtu+tcp://host:port or rtu:///dev/tty?baudrate=9600"
-    )
+        raise ConfigError(f"address {url!r}: {error}") from error
+    raise ConfigError(f"address {url!r}: use tcp://host:port, rtu+tcp://host:port or rtu:///dev/tty?baudrate=9600")

@@ -31,6 +31,7 @@ from drivers.journal import FrameArray
 INTERFACE = "packets"
 _BITS_PER_BYTE = 10  # with start bit and stop bit
 _BROKEN_BYTES = 8
+_MOST_BYTES = 4096
 
 
 class Chunk(NamedTuple):
@@ -54,15 +55,20 @@ class Line(Protocol):
 
 
 class SerialLine:
-    """A serial port."""
+    """A serial port, or another URL of pyserial."""
 
     def __init__(self, channel: str, baudrate: int, options: Mapping[str, Any]) -> None:
         self._port = serial.serial_for_url(channel, baudrate=baudrate, **options)
+        self._counts = not channel.startswith("socket:")
+        """Whether it says how many bytes wait, and not only that some do."""
 
     def read(self, timeout: float | None) -> Chunk | None:
         """What arrives within a time [s]; None: nothing."""
         self._port.timeout = timeout
         data = self._port.read(max(self._port.in_waiting, 1))
+        if data and not self._counts:
+            self._port.timeout = 0
+            data += self._port.read(_MOST_BYTES)
         return Chunk(data, time.time()) if data else None
 
     def write(self, data: bytes, t_s: float) -> None:
@@ -80,8 +86,10 @@ def refusal(channel: str, baudrate: int | None, options: Mapping[str, Any]) -> s
     if scheme in ("memory", "daq"):
         return None
     try:
+        if scheme in ("udp", "udp-to", "socket") and not urlsplit(channel).port:
+            return f"is {channel!r}: {_NO_PORT}"
         if scheme in ("udp", "udp-to"):
-            return None if urlsplit(channel).port is not None else f"is {channel!r}: {_NO_PORT}"
+            return None
         serial.serial_for_url(channel, baudrate=baudrate or 115_200, do_not_open=True, **options)
     except (ValueError, TypeError) as error:
         return f"is {channel!r}: {one_line(error)}; see `channel`, `bitrate` and `options`"

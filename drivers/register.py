@@ -22,6 +22,7 @@ Value = float | str
 """A decoded register: a number in the register's unit, or the name of an enumerated value, or a text."""
 
 MAX_BLOCK_WORDS = 125
+ORDER_ASSUMED = "has two words and no `word_order`: high_first is assumed; state high_first or low_first"
 _TINY = 1e-30
 _FORMATS = {"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "float32": "f", "bit": "H"}
 STRICT = ConfigDict(extra="forbid", use_attribute_docstrings=True)
@@ -48,8 +49,8 @@ class Register:
     """Function code that writes it, 5 for a coil; None: the driver never writes it."""
     words: Annotated[int, Field(ge=0, le=MAX_BLOCK_WORDS)] = 0
     """Length of a text (one character per register); for numbers, their type defines it."""
-    word_order: Literal["high_first", "low_first"] = "high_first"
-    """Of numbers of two words; left out: that of the map."""
+    word_order: Literal["high_first", "low_first"] | None = None
+    """Of numbers of two words; left out: that of the map, else high_first, which `bench check` tells."""
     scale: FiniteFloat = 1.0
     """Value = raw number x scale."""
     decimals: str = ""
@@ -116,6 +117,11 @@ class Register:
         return (self.mask, other.mask) == (None, None) or bool(self.write or other.write)
 
     @property
+    def order_assumed(self) -> bool:
+        """Whether it is a number of two words whose order nobody has stated."""
+        return self.count == 2 and not self.words and self.word_order is None
+
+    @property
     def is_bit(self) -> bool:
         """A coil or a discrete input, in an address space of its own."""
         return self.type == "bit"
@@ -152,7 +158,7 @@ class Register:
             if not text.isprintable():
                 raise LimitError(f"{self.name} reads {text!r}, which is not printable text")
             return text
-        ordered = words if self.word_order == "high_first" else tuple(reversed(words))
+        ordered = tuple(reversed(words)) if self.word_order == "low_first" else words
         as_words, as_number = _coding(self.count, self.type)
         (raw,) = as_number.unpack(as_words.pack(*ordered))
         if self.values:
@@ -180,7 +186,7 @@ class Register:
         except (struct.error, OverflowError):
             raise LimitError(f"{self.name}: {value} {self.unit} does not fit {self.type} x {self.scale:g}") from None
         words = as_words.unpack(packed)
-        return words if self.word_order == "high_first" else tuple(reversed(words))
+        return tuple(reversed(words)) if self.word_order == "low_first" else words
 
     def agrees(self, written: Value, read: Value) -> bool:
         """Whether `read` equals `written` within the tolerance."""

@@ -7,7 +7,7 @@ equipment; the driver and the simulator share only this description of the wire.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import combinations
@@ -17,7 +17,7 @@ from pydantic import Field, FiniteFloat
 from pydantic.dataclasses import dataclass
 
 from drivers.errors import ConfigError, LimitError
-from drivers.register import MAX_BLOCK_WORDS, STRICT, Register, Text, Value
+from drivers.register import MAX_BLOCK_WORDS, ORDER_ASSUMED, STRICT, Register, Text, Value
 from drivers.yaml12 import PlacedError
 
 Seconds = Annotated[FiniteFloat, Field(ge=0, le=3600)]
@@ -133,7 +133,7 @@ class RegisterMap:
     """Read one by one, less often: alarms, limit controller, compressor."""
     ramp: Ramp | None = None
     """None: the host steps the set point."""
-    word_order: Literal["high_first", "low_first"] = "high_first"
+    word_order: Literal["high_first", "low_first"] | None = None
     """Default of the registers."""
     block_words: Annotated[int, Field(ge=2, le=MAX_BLOCK_WORDS)] = MAX_BLOCK_WORDS
     """Longest block [words] that the controller reads."""
@@ -198,6 +198,9 @@ class RegisterMap:
             if self[name].unit not in ("", "degC"):
                 text = f"is {self[name].unit!r}: the bench reads degC; set the controller to degC"
                 raise PlacedError(text, ("registers", name, "unit"))
+            if self[name].scale < 0:
+                text = f"is {self[name].scale:g}: a temperature would fall as its number rises; must be above 0"
+                raise PlacedError(text, ("registers", name, "scale"))
 
     def _check_writable(self) -> None:
         for name in ("setpoint", *self.setpoint_copies, self.run.register, *self._ramp_settings()):
@@ -237,6 +240,12 @@ class RegisterMap:
     def decimals(self) -> tuple[str, ...]:
         """Registers that hold the implied decimals of others."""
         return tuple(sorted({r.decimals for r in self.registers.values() if r.decimals}))
+
+    def doubts(self) -> Iterator[str]:
+        """What the map leaves open, and what is assumed for it."""
+        for name, register in self.registers.items():
+            if register.order_assumed:
+                yield f"register {name} {ORDER_ASSUMED}"
 
     def with_decimals(self, places: Mapping[str, int]) -> RegisterMap:
         """The map with the implied decimals that the controller reported, by the register that holds them."""

@@ -99,7 +99,7 @@ def parse_map(text: str, where: str) -> RegisterMap:
     for name, entry in registers.items() if isinstance(registers, dict) else ():
         if isinstance(entry, dict):
             entry["name"] = name
-            entry.setdefault("word_order", data.get("word_order", "high_first"))
+            entry.setdefault("word_order", data.get("word_order"))
     try:
         return TypeAdapter(RegisterMap).validate_python(data)
     except ValidationError as error:

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from bench.record import load
+from tests.support.calibrated import check_calibrated
+from tests.support.shown import fences, unlike
+
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
-FENCE = re.compile(r"^(?:<!--((?:(?!-->).)*)-->\n)?```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-"""A block, and the comment above it: `not run: WHY`, `command: NAME` of CI, `file: NAME`, or `first:` and commands."""
 TUTORIAL, WEB = "docs/tutorial.md", "docs/web.md"
 JOURNEYS = {
     "five minutes": ["README.md"],
@@ -22,11 +24,6 @@ JOURNEYS = {
     "equipment": [f"docs/howto/{page}.md" for page in ("chamber_map", "lines", "instruments")],
 }
 """Pages that are pasted one after the other into one folder, each into a shell of its own."""
-
-
-def fences(page):
-    """Comment, language and text of each block of a page."""
-    return [(said.strip(), language, text) for said, language, text in FENCE.findall((ROOT / page).read_text())]
 
 
 def blocks(page):
@@ -58,15 +55,40 @@ def bash(script, folder):
     return done.stdout
 
 
+def check_measured(folder, said):
+    [run] = (folder / "measured" / "SIM-0001").glob("*_quick")
+    assert load(run, 30.0).channel("supply_current") == pytest.approx(0.15)
+
+
+def check_recomputed(folder, said):
+    assert "identical; tables and results recomputed from its raw frames" in said
+
+
+CHECKS = {
+    "docs/howto/production.md": check_calibrated,
+    "docs/howto/runs.md": check_recomputed,
+    "docs/howto/instruments.md": check_measured,
+}
+"""What is right about a page besides the outputs that it shows, from its folder and what its commands said."""
+
+
+def compare(page, said, folder):
+    """The outputs that a page shows are what its commands said, to the last digit; `shown by:` has one of its own."""
+    for comment, language, shown in fences(page):
+        if not language and not comment:
+            assert not unlike(shown, said), f"{page} shows what its commands do not say:\n{said}"
+        elif comment.startswith("shown by: "):
+            assert not unlike(shown, bash(f"{{ {comment.removeprefix('shown by: ')}; }} 2>&1 || true", folder)), page
+
+
 @pytest.mark.slow(first=True)
 @pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_calibration(tmp_path):
     *commands, calibrate = blocks(TUTORIAL)
-    # The how-to has the same command, and tests/commands/test_calibrate.py runs it there.
+    # The how-to has the same command, and a journey runs it there.
     assert calibrate.strip().removesuffix(" --quiet") in (ROOT / "docs" / "howto" / "production.md").read_text()
     said = bash("\n".join(commands), tmp_path)
-    for language, shown in re.findall(r"```(\w*)\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), re.DOTALL):
-        assert language or shown in said
+    compare(TUTORIAL, said, tmp_path)
     assert "Missing: aging" in said
     assert re.search(r"^right +aging$", said, re.MULTILINE)
     assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
@@ -87,7 +109,9 @@ def test_the_commands_about_the_page_run_in_one_shell(tmp_path):
 @pytest.mark.parametrize("journey", JOURNEYS)
 def test_the_commands_of_the_pages_run_from_the_first_to_the_last(tmp_path, journey):
     for page in JOURNEYS[journey]:
-        bash("\n".join(blocks(page)), tmp_path)
+        said = bash("\n".join(blocks(page)), tmp_path)
+        compare(page, said, tmp_path)
+        CHECKS.get(page, lambda folder, said: None)(tmp_path, said)
 
 
 def test_every_command_of_the_pages_is_run_or_says_why_not():
@@ -98,6 +122,10 @@ def test_every_command_of_the_pages_is_run_or_says_why_not():
             assert language or not command, f"{page}: mark this block as bash:\n{text}"
             if language == "bash":
                 assert page in run or said.startswith("not run: "), f"{page} is in no journey:\n{text}"
+            if language == "text" or not language:
+                told = page in run and not said and not language
+                told = told or said.startswith(("shown by: ", "not run: ", "drawing", "command: ", "test: "))
+                assert told, f"{page} shows an output that nothing compares; say why in a comment:\n{text}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

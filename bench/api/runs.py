@@ -237,9 +237,8 @@ def open_folder(folder: Path, interval_s: float = DEFAULT_INTERVAL_S) -> Run:
 def _foreign(source: Any, columns: Any, units: Mapping[str, str], dbc: str | Path | None) -> Dataset:
     from bench.acquisition import ColumnMap, column_map, load_columns, plan_table, read_table, table_of
 
-    table = read_table(source, dbc) if isinstance(source, str | Path) else table_of(source)
-    if isinstance(columns, str | Path):
-        chosen: ColumnMap = load_columns(columns)
-    else:
-        chosen = column_map(table, columns or {}, units)
+    stated = load_columns(columns) if isinstance(columns, str | Path) else None
+    encoding = None if stated is None else stated.encoding
+    table = read_table(source, dbc, encoding=encoding) if isinstance(source, str | Path) else table_of(source)
+    chosen: ColumnMap = stated or column_map(table, {} if isinstance(columns, str | Path) else columns or {}, units)
     return plan_table(table, chosen, "unknown").dataset()

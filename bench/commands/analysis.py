@@ -256,5 +256,5 @@ def import_table(
     chosen = ColumnMap() if columns is None else load_columns(columns)
     memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
     confines = Confines(memory_bytes, cpu_s=4 * HOUR_S, wall_s=4 * HOUR_S, written_bytes=1 << 40)
-    plan = plan_table(read_confined(file, dbc, confines), chosen, serial)
+    plan = plan_table(read_confined(file, dbc, confines, chosen.encoding), chosen, serial)
     return Imported(plan, None if out is None else write_import(plan, out, operator=user_name()).path)

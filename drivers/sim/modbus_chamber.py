@@ -293,4 +293,4 @@ def _status(register: Register, active: bool) -> int:
 def _broken(register: Register) -> tuple[int, ...]:
     """Words that a working sensor never gives: NaN, or the end of the integer range."""
     words = {"float32": (0x7FC0, 0), "int16": (0x7FFF,)}.get(register.type, (0xFFFF,) * register.count)
-    return words if register.word_order == "high_first" else tuple(reversed(words))
+    return tuple(reversed(words)) if register.word_order == "low_first" else words

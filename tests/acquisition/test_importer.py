@@ -21,9 +21,10 @@ import pytest
 
 from bench.acquisition.importer.branches import find_branches, segment_of
 from bench.acquisition.importer.columns import ChannelSource, ColumnMap, TimeSource, split_header
-from bench.acquisition.importer.plan import load_columns, plan_import, write_import
+from bench.acquisition.importer.plan import load_columns, plan_import, plan_table, write_import
 from bench.acquisition.importer.tables import read_table
 from bench.acquisition.importer.units import conversion
+from bench.base import load_config, parse_yaml
 from bench.base.errors import InputError
 from bench.record import apart, dataset, load, read_samples
 from bench.record.folder import open_run
@@ -176,8 +177,9 @@ def test_a_zip_archive_with_one_table_is_read_and_one_with_several_names_them(tm
     [
         ("root.csv", NUMBERED.replace("deg/h", "°/√h"), "FILE: '°/√h' is not a unit that is known; rate may be in"),
         ("sensitivity.csv", NUMBERED.replace("deg/h", "mV/(deg/s)"), "FILE: 'mV/(deg/s)' does not measure rate"),
-        ("cyrillic.csv", NUMBERED.replace("time", "время").encode("cp1251"),
-         "FILE:1: is neither UTF-8 nor Windows-1252"),
+        ("cyrillic.csv", ("прибор 7\n" + NUMBERED).encode("cp1251"),
+         "FILE:1: is not UTF-8: 'прибор' as cp1251, 'ïðèáîð' as cp1252, '镳栳铕' as gb18030; state which one by"),
+        ("binary.csv", NUMBERED.encode() + b"\x98\x81\xff,1,2\n", "FILE:5: is not UTF-8 and in none of cp1251, "),
         ("packed.csv", b"PK\x03\x04" + bytes(40), "FILE: not a readable zip file ("),
         ("zone.csv", NUMBERED.replace("\n0", "\n2026-10-25 01:30:00 CEST"),
          "FILE:2: 'time' is '2026-10-25 01:30:00 CEST', no time as it is known; export times as 2026-01-31T14:00"),
@@ -191,6 +193,50 @@ def test_a_zip_archive_with_one_table_is_read_and_one_with_several_names_them(tm
 )  # fmt: skip
 def test_a_table_that_cannot_be_read_as_it_is_says_what_to_do(tmp_path, name, content, message):
     assert refusal(write(tmp_path, content, name)).replace("\xa0", " ").startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "header"),
+    [
+        ("cp1251", "Час, с;Кутова швидкість, °/с;Температура, °C"),
+        ("cp1251", "Время, с;Угловая скорость, °/с;Температура, °C"),
+        ("gb18030", "时间(s);角速度(°/s);温度(℃)"),
+        ("gbk", "时间（s）;角速度（°/s）;温度（℃）"),
+        ("gbk", "time [s];rate [°/s];temp [℃]"),
+        ("big5", "時間(s);角速度(°/s);溫度(℃)"),
+        ("koi8-u", "Час, с;Кутова швидкість, °/с;Температура, °C"),
+    ],
+)
+def test_a_table_in_the_encoding_of_its_country_is_read(tmp_path, encoding, header):
+    path = write(tmp_path, f"{header}\n0;1,5;20\n1;-2,5;21\n2;1;22\n".encode(encoding), "table.csv")
+    stated = encoding in ("big5", "koi8-u")
+    columns = load_config(parse_yaml(f"encoding: {encoding}\n", "c.yaml"), ColumnMap) if stated else None
+    table = read_table(path, encoding=columns and columns.encoding)
+    plan = plan_table(table, columns or ColumnMap(), "G-1")
+    assert plan.channels["rate"].tolist() == [5400.0, -9000.0, 3600.0]
+    assert stated or any(note.endswith(f"was read as {table.encoding}") for note in table.notes)
+    run = write_import(plan, tmp_path / "out")
+    again = load_columns(run.path / "columns.yaml")
+    assert again.encoding == table.encoding
+    assert plan_table(read_table(path, encoding=again.encoding), again, "G-1").time.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "said"),
+    [("cp1521", "c.yaml:1: encoding: 'cp1521' is no encoding; cp1251, cp1252, gb18030, big5, shift_jis"),
+     ("base64", "c.yaml:1: encoding: 'base64' is no encoding; ")],
+)  # fmt: skip
+def test_an_encoding_that_there_is_not_is_refused(encoding, said):
+    with pytest.raises(InputError) as refused:
+        load_config(parse_yaml(f"encoding: {encoding}\n", "c.yaml"), ColumnMap)
+    assert str(refused.value).startswith(said)
+
+
+def test_a_table_in_another_encoding_than_stated_is_refused_with_its_line(tmp_path):
+    path = write(tmp_path, NUMBERED.encode() + "3,1,温度\n".encode("gbk"), "table.csv")
+    with pytest.raises(InputError) as refused:
+        read_table(path, encoding="utf-8")
+    assert str(refused.value) == f"{path}:5: is not text in utf-8, as stated by `encoding`; correct it or leave it out"
 
 
 def test_times_of_day_beside_dates_count_the_days_between(tmp_path):

@@ -58,10 +58,18 @@ FILES = {
 }
 
 
-def answers(folder, monkeypatch, changed):
+REAL = [
+    ("simulated: true", "simulated: false"),
+    ("chamber: {map:", 'chamber: {connection: {url: "tcp://127.0.0.1:1"}, map:'),
+    ("interface: virtual, channel: own", "interface: socketcan, channel: can17"),
+]
+"""Changes that make equipment of the simulated station; nothing of it is there."""
+
+
+def answers(folder, monkeypatch, changed, equipment=False):
     """What check, doctor and run say of the files with these changes, each with its exit code."""
     texts = dict(FILES)
-    for old, new in changed:
+    for old, new in [*(REAL if equipment else []), *changed]:
         (name,) = [name for name, text in texts.items() if text.count(old) == 1]
         texts[name] = texts[name].replace(old, new)
     for name, text in texts.items():
@@ -112,6 +120,8 @@ MISTAKES = {
     "name: own\n -> name: own\nequipment: mine\n": r"station.yaml:2: no equipment file is called 'mine'",
     "setpoint: {address: 100 -> setpoint: {address: 300": r"chamber.yaml:13: .*takes address 300, as setpoint does",
     "poll: [temperature -> poll: [temprature": r"chamber.yaml:5: poll: no register temprature; described are",
+    "(0.01,0) -> (0,0)": r"station.yaml:14: .*temperature: AXES.T has the scale 0: every value would be the offset",
+    "int16, scale: 0.1 -> int16, scale: -0.1": r"chamber.yaml:10: registers.setpoint.scale: is -0.1: a temperature",
     "read: 4, unit: degC -> read: 4, unit: degF": r"chamber.yaml:9: .*unit: is 'degF': the bench reads degC",
 }
 
@@ -134,13 +144,48 @@ def test_a_mistake_is_refused_by_all_in_the_same_words_and_nothing_is_left(tmp_p
     assert not (tmp_path / "out").exists()
 
 
-def test_all_mistakes_are_told_at_once_each_with_its_line(tmp_path, monkeypatch):
+@pytest.mark.parametrize("equipment", [False, True], ids=["simulated", "equipment"])
+def test_all_mistakes_are_told_at_once_each_with_its_line(tmp_path, monkeypatch, equipment):
     wrong = [("own.dbc", "no.dbc"), ("map: chamber.yaml", "map: nowhere.yaml"), ("bitrate: 921600", "bitrate: 9600")]
     wrong += [("length: 12}}", "length: 14}}")]
-    (code, said), *others = answers(tmp_path, monkeypatch, wrong)
+    (code, said), *others = answers(tmp_path, monkeypatch, wrong, equipment)
     assert code == 2
     assert others == [(2, said), (2, said)]
+    assert not (tmp_path / "out").exists()
     assert re.findall(r"station.yaml:(\d+): ", said) == ["3", "14", "21", "7"]
+
+
+ADDRESSES = {
+    "tcp://127.0.0.1:1 -> tcp://127.0.0.1:99999": r"station.yaml:3: chamber.connection.url: .*Port out of range",
+    "tcp://127.0.0.1:1 -> 127.0.0.1:502": r"station.yaml:3: chamber.connection.url: .*use tcp://host:port, rtu",
+    "tcp://127.0.0.1:1 -> rtu:///dev/ttyUSB0?baud=9600": r"station.yaml:3: chamber.connection.url: .*\?baudrate=9600",
+    "tcp://127.0.0.1:1 -> rtu:///dev/ttyUSB0?parity=X": r"station.yaml:3: .*Not a valid parity: 'X'",
+    "udp://127.0.0.1:5005 -> udp://127.0.0.1:0": r"station.yaml:12: buses.udp0.channel: .*must name a port",
+    "/dev/ttyUSB0 -> socket://192.0.2.7": r"station.yaml:9: buses.line0.channel: .*must name a port",
+    'guards: [ -> instruments: [{name: m, address: "socket://h", read: [{channel: humidity, query: H}]}]\nguards: [':
+        r"station.yaml:4: instrument m: address 'socket://h': must name a port, as in socket://",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", ADDRESSES)
+def test_an_address_that_cannot_be_is_refused_before_anything_is_opened(tmp_path, monkeypatch, mistake):
+    (code, said), *others = answers(tmp_path, monkeypatch, [mistake.split(" -> ")], equipment=True)
+    assert code == 2
+    assert re.search(ADDRESSES[mistake], said), said
+    assert others == [(2, said), (2, said)]
+
+
+def test_what_a_station_leaves_open_is_told(tmp_path, monkeypatch):
+    open_ends = [("float32, word_order: low_first", "float32"), ("(0.01,0)", "(-0.01,0)")]
+    open_ends += [("tcp://127.0.0.1:1", "tcp://chamber.invalid:502")]
+    (code, said), _, (ran, why) = answers(tmp_path, monkeypatch, open_ends, equipment=True)
+    assert (code, ran) == (0, 4)
+    assert "station.yaml:3: warning: register temperature has two words and no `word_order`: high_first is as" in said
+    assert "station.yaml:3: warning: tcp://chamber.invalid:502: host chamber.invalid is not known to this comp" in said
+    assert "unit AXES-1: scale of temperature is -0.01: it falls as its number rises" in said
+    assert "no connection: host chamber.invalid is not known to this computer" in why
+    _, (_, examined), _ = answers(tmp_path, monkeypatch, open_ends[:2])
+    assert "register temperature has two words and no `word_order`" in examined
 
 
 def test_a_dbc_that_was_corrected_is_read_anew(tmp_path):

@@ -21,6 +21,7 @@ from bench.record import RunFolder, apart, faults, read_samples
 from bench.record.dataset import load, seconds_of
 from drivers.journal import Kind, read_blocks
 from tests.support import acquisition
+from tests.support.shown import outputs, unlike
 
 RATES = ("rate_x", "rate_y", "rate_z")
 OUTPUTS = (*RATES, "acceleration_x", "acceleration_y", "acceleration_z")
@@ -186,7 +187,8 @@ def test_the_check_says_what_a_unit_lacks_and_how_full_its_bus_is():
     texts = " | ".join(text for _, text in said)
     assert "unit IMU-0: no counter and no time stamp" in texts
     assert "unit IMU-0: no thermometer: the air of the chamber takes its place" in texts
-    assert "bus can0: its units take 9% of it" in texts
+    [shown] = outputs("docs/howto/equipment.md", "test: tests/acquisition/test_outputs.py")
+    assert not unlike(shown, "\n".join(f"{level}: {text}" for level, text in said))
     assert {level for level, _ in said} == {"info"}
 
 

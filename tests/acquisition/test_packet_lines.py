@@ -16,6 +16,9 @@ from bench.acquisition.station.wires import wire_findings
 from bench.base import InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import load
+from bench.record.samples import read_samples
+from drivers.framing import Framing
+from drivers.packet_bus import MemoryLine
 from tests.support import acquisition
 
 CRC = {"width": 16, "poly": 0x1021, "init": 0xFFFF, "order": "big"}
@@ -67,10 +70,81 @@ def test_packets_that_are_lost_or_broken_are_counted(tmp_path, counted):
     assert manifest.losses["lost"] == 1000
 
 
+SPOILT = {
+    "noise between packets": lambda packet, k: bytes([0xAA, 0x55, k % 256]) + packet,
+    "a byte too few": lambda packet, k: packet[: k % len(packet)] + packet[k % len(packet) + 1 :],
+    "cut": lambda packet, k: packet[: k % len(packet)],
+    "a flipped bit": lambda packet, k: packet[:5] + bytes([packet[5] ^ 1]) + packet[6:],
+}
+
+
+@pytest.mark.parametrize("kind", ["header", "cobs"])
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_bytes_that_are_wrong_cost_their_packets_and_are_counted(tmp_path, monkeypatch, kind, spoilt):
+    """Every 23rd packet for 20 s; what is between two COBS packets is part of the next one."""
+    sent, write = [], MemoryLine.write
+
+    def send(line, data, t_s):
+        sent.append(t_s)
+        bad = 10 < t_s < 30 and len(sent) % 23 == 0
+        write(line, SPOILT[spoilt](data, len(sent)) if bad else data, t_s)
+
+    monkeypatch.setattr(MemoryLine, "write", send)
+    run = run_job(acquisition.job(tmp_path, settings=station(content(kind)))).run
+    losses = {name: count for name, count in run.manifest().losses.items() if count and name != "received"}
+    struck = len([t_s for k, t_s in enumerate(sent, 1) if 10 < t_s < 30 and k % 23 == 0])
+    if (kind, spoilt) == ("header", "noise between packets"):
+        assert losses == {}
+    else:
+        assert losses.keys() == {"lost"}
+        assert 0.8 * struck <= losses["lost"] <= 2 * struck  # an end that is lost costs the next packet, too
+    times, rates = read_samples(run.data, "time", "rate").values()
+    heard = times[np.isfinite(rates)]
+    assert len(heard) + losses.get("lost", 0) == round((heard[-1] - heard[0]) * 500) + 1
+    [counts] = [event for event in run.events() if event["kind"] == "capture"]
+    assert counts["error_frames"] >= 0.8 * struck
+
+
+@pytest.mark.parametrize("until_s", [23, 1e9], ids=["for 3 s", "for good"])
+def test_a_line_that_is_unplugged_is_lost_or_its_gap_counted(tmp_path, monkeypatch, until_s):
+    out, read = [False], MemoryLine.read
+
+    def unplugged(line, timeout):
+        if not out[0]:
+            return read(line, timeout)
+        line._chunks.clear()
+        raise OSError(5, "Input/output error")
+
+    def look(_, status):
+        out[0] = 20 <= status.t_s < until_s
+
+    monkeypatch.setattr(MemoryLine, "read", unplugged)
+    text = acquisition.SHORT if until_s < 1e9 else acquisition.LONG
+    result = run_job(acquisition.job(tmp_path, text, station(content())), look)
+    lost = result.run.manifest().losses["lost"]
+    if until_s < 1e9:
+        assert (result.error, lost) == (None, 1500)
+    else:
+        assert (result.error.exit_code, lost) == (4, 0)
+        assert str(result.error) == "bus line0 link lost for 4 s: [Errno 5] Input/output error"
+    steps = [event["ok"] for event in result.run.events() if event["kind"] == "safe_state" and "ok" in event]
+    assert steps
+    assert all(steps)
+
+
 def test_the_doctor_hears_a_unit_on_a_pty_and_on_udp():
     for kind, channel in (("header", "/dev/ttyUSB0"), ("datagram", "udp://0.0.0.0:5005")):
         found = {(one.what, one.verdict) for one in examine(station(content(kind, channel)), 0.5).findings}
         assert {("bus line0", "agrees"), ("unit LINE-1", "agrees")} <= found
+
+
+def test_the_doctor_says_that_bytes_come_which_are_no_packets(monkeypatch):
+    encode = Framing.encode
+    monkeypatch.setattr(Framing, "encode", lambda *given: encode(*given)[:-1] + b"?")
+    found = {one.what: (one.verdict, one.detail) for one in examine(station(content()), 0.5).findings}
+    verdict, detail = found["bus line0"]
+    assert verdict == "disagrees"
+    assert detail.endswith("all of them bytes that are no packet: compare framing, check sum and baud rate")
 
 
 @pytest.mark.parametrize(

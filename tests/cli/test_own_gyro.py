@@ -45,6 +45,12 @@ def station(tmp_path: Path) -> Path:
     return tmp_path / "station.yaml"
 
 
+def test_the_station_that_the_page_describes_is_taken(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "howto" / "equipment.md").read_text()
+    (tmp_path / "station.yaml").write_text(page.split("```yaml\n")[1].split("```")[0])
+    assert "units: G-1042" in check(tmp_path / "station.yaml", 0)
+
+
 def test_the_dbc_is_beside_the_station_file(station: Path) -> None:
     assert load_station(station).units[0].gyro == str(station.parent / "own.dbc")
     (station.parent / "own.dbc").unlink()

@@ -204,12 +204,3 @@ def test_a_wrong_wish_is_refused_with_what_is_allowed(run_folder, tmp_path, argu
 def test_no_run_is_refused(tmp_path):
     done = bench(tmp_path / "nothing", "--format", "c")
     assert (done.exit_code, "no such run folder" in done.stderr) == (2, True)
-
-
-def test_the_commands_of_the_how_to_run_as_they_stand(run_folder, tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "howto" / "delivery.md").read_text()
-    lines = re.findall(r"^bench export RUN (.*?)(?: +#.*)?$", page, re.MULTILINE)
-    assert len(lines) >= 6
-    for line in lines:
-        done = bench(run_folder, *line.split(), "--out", tmp_path)
-        assert done.exit_code == 0, f"{line}: {done.stderr}"

@@ -2,6 +2,8 @@
 
 import os
 import socket
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +13,12 @@ from crccheck.crc import Crc16CcittFalse, Crc32
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.canbus import BusSettings, ProcessCapture
 from drivers.errors import ConfigError
 from drivers.framing import Check, Deframer, Framing, Number, Sum
 from drivers.packet_bus import PacketBus
 from drivers.sim.ptys import PtyPair
+from tests.drivers.test_canbus import until
 
 CRC = Check(16, 0x1021, 0xFFFF, order="big")
 CRC32 = Check(32, 0x04C11DB7, 0xFFFFFFFF, refin=True, refout=True, xorout=0xFFFFFFFF)
@@ -158,6 +162,45 @@ def test_a_serial_line_is_a_bus():
     assert [message.data[4] for message in messages] == [0, 1, 2]
     assert [message.arbitration_id for message in messages] == [0, 0, 0]
     assert messages[0].timestamp <= messages[1].timestamp <= messages[2].timestamp
+
+
+def test_bytes_over_a_serial_server_are_taken_together():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        bus = PacketBus(f"socket://127.0.0.1:{server.getsockname()[1]}", HEADER)
+        there, _ = server.accept()
+        with there:
+            there.sendall(HEADER.encode(0, bytes(12)) * 100)
+            chunk = bus._line.read(5.0)
+        bus.shutdown()
+    assert len(chunk.data) == 1200
+
+
+def test_a_serial_line_that_hangs_up_is_opened_again_when_it_is_back(tmp_path):
+    pair, name = PtyPair(), tmp_path / "tty"
+    name.symlink_to(pair.right)
+    framing = replace(HEADER, crc=replace(HEADER.crc))  # a CRC that was used does not go to another process
+    capture = ProcessCapture(BusSettings("packets", str(name), framing=framing), tmp_path / "j", time.monotonic_ns())
+    try:
+        say(pair, HEADER.encode(0, bytes(12)) * 3)
+        until(lambda: capture.health().frames == 3)
+        pair.close()
+        until(lambda: capture.health().state == "degraded")
+        name.unlink()
+        pair = PtyPair()
+        name.symlink_to(pair.right)
+        until(lambda: capture.health().state == "ok")
+        say(pair, HEADER.encode(0, bytes(12))[5:] + HEADER.encode(0, bytes(12)) * 2)
+        until(lambda: capture.health().frames == 5)
+    finally:
+        capture.close()
+        pair.close()
+    assert (capture.health().recoveries, capture.health().error_frames) == (1, 0)
+
+
+def say(pair, data):
+    end = os.open(pair.left, os.O_RDWR | os.O_NOCTTY)
+    os.write(end, data)
+    os.close(end)
 
 
 def test_udp_is_a_bus_and_a_broken_datagram_an_error_frame():

@@ -1,7 +1,10 @@
 """The driver of instruments: SCPI through pyvisa-sim and over a real socket, Modbus against servers."""
 
+import os
 import sys
+import tty
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from pydantic import ValidationError
@@ -9,10 +12,12 @@ from pydantic import ValidationError
 from drivers.errors import ConfigError, IdentityError, LimitError, LinkError, ReadBackError
 from drivers.instrument import Instrument, InstrumentRegister, Reading, Setting, open_line, plausible
 from drivers.sim.instrument import ModbusInstrument, ScpiInstrument
+from drivers.sim.ptys import PtyPair
 
 LIBRARY = f"{Path(__file__).parent / 'visa.yaml'}@sim"
 ON = Setting(command="OUTP 1", query="OUTP?", value=1)
 OFF = Setting(command="OUTP 0", query="OUTP?", value=0)
+VOLTAGE = Reading(channel="supply", query="V?")
 OUTPUT = [("OUTP 1", "OUTP?", "1"), ("OUTP 0", "OUTP?", "0")]
 
 
@@ -91,6 +96,9 @@ def test_an_instrument_that_is_silent_disobeys_or_is_gone_is_said(scpi):
     supply = Instrument("supply", line)
     with pytest.raises(LinkError, match=r"supply: NONE\?: no answer within 0.3 s"):
         supply.read(Reading(channel="supply", query="NONE?"))
+    scpi._values["V?"] = lambda: "9" * 5000
+    with pytest.raises(LinkError, match=r"supply: V\?: an answer of 5000 characters, which begins with '9{40}'$"):
+        supply.read(VOLTAGE)
     scpi.disobeys = True
     with pytest.raises(ReadBackError, match="supply: OUTP 1 was sent, and 0 is read back instead of 1"):
         supply.set(ON)
@@ -100,6 +108,34 @@ def test_an_instrument_that_is_silent_disobeys_or_is_gone_is_said(scpi):
     scpi.close()
     with pytest.raises(LinkError, match=rf"supply: {scpi.address}: .*refused"):
         supply.is_set(ON)
+
+
+def test_a_serial_instrument_that_is_unplugged_or_takes_nothing_does_not_answer():
+    pair = PtyPair()
+    meter = Instrument("meter", open_line(pair.right, timeout_s=0.1))
+    with pytest.raises(LinkError, match=r"meter: V\?: no answer within 0.1 s"):
+        meter.read(VOLTAGE)
+    meter._line.send("V")  # it is open now
+    pair.close()
+    with pytest.raises(LinkError, match=r"meter: /dev/pts/.*Input/output error"):
+        meter.read(VOLTAGE)
+    full, line = os.openpty()
+    tty.setraw(line)
+    deaf = open_line(os.ttyname(line), timeout_s=0.1)
+    with pytest.raises(LinkError, match="Write timeout"):
+        deaf.send("X" * 100_000)
+    deaf.close()
+    os.close(full)
+    os.close(line)
+
+
+@pytest.mark.parametrize("error", [EOFError(), RuntimeError("RPC: bad reply")])
+def test_whatever_a_visa_library_raises_is_no_answer(error, monkeypatch):
+    meter = visa("GPIB0::22::INSTR")
+    meter.identify()
+    monkeypatch.setattr(type(meter._line._resource), "write", Mock(side_effect=error))
+    with pytest.raises(LinkError, match=r"it: GPIB0::22::INSTR: (EOFError|RPC: bad reply)$"):
+        meter.read(VOLTAGE)
 
 
 COIL = InstrumentRegister(address=0, type="bit", read=1, write=5, values={"off": 0, "on": 1})

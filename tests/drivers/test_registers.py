@@ -223,3 +223,8 @@ def test_coils_and_registers_are_read_in_requests_of_their_own():
         ["mode"],
         ["temperature", "setpoint"],
     ]
+
+
+@pytest.mark.parametrize("name", list_maps())
+def test_a_shipped_map_leaves_no_word_order_open(name):
+    assert [*load_map(name).doubts()] == []

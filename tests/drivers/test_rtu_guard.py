@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
@@ -79,3 +80,9 @@ def test_the_same_gateway_without_the_guard_returns_wrong_values():
         wrong, _ = poll(unguarded(client), READS)
         client.close()
     assert wrong > 0
+
+
+def test_the_device_ends_although_requests_are_left_unread():
+    with on_a_pty(share=1.0) as (line, device), Path(line).open("wb", buffering=0) as client:
+        client.write(2 * bytes.fromhex("01 03 0064 0001 C5D5"))
+    assert device.late <= 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import select
 import socket
 import struct
 import threading
@@ -56,17 +57,19 @@ class SlowDevice:
 def on_a_pty(share: float = 0.25) -> Iterator[tuple[str, SlowDevice]]:
     master, slave = os.openpty()
     tty.setraw(slave)
-    stop = b"\x00"
-    box = SlowDevice(
-        lambda: b"" if (data := os.read(master, 300)) == stop else data, lambda d: os.write(master, d), share
-    )
+    stopped, stop = os.pipe()
+
+    def read() -> bytes:
+        return b"" if stopped in select.select([master, stopped], [], [])[0] else os.read(master, 300)
+
+    box = SlowDevice(read, lambda data: os.write(master, data), share)
     try:
         yield os.ttyname(slave), box
     finally:
-        os.write(slave, stop)
+        os.close(stop)
         box.thread.join()
-        os.close(master)
-        os.close(slave)
+        for end in (stopped, master, slave):
+            os.close(end)
 
 
 @contextmanager

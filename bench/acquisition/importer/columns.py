@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, create_model, model_validator
 
 from bench.acquisition.importer.table import Table
 from bench.acquisition.importer.units import conversion, examples
-from bench.base import CHANNELS, INSTRUMENTS, OUTPUTS, RATES, STRICT, THERMOMETERS, InputError, nearest
+from bench.base import CHANNELS, INSTRUMENTS, OUTPUTS, RATES, STRICT, THERMOMETERS, InputError, PlacedError, nearest
 from drivers.units import Conversion, is_unit
 
 _SYNONYMS = {
@@ -32,6 +32,8 @@ _SYNONYMS = {
 }
 _INSTRUMENTS = {name.replace("_", ""): name for name in INSTRUMENTS}
 _BY_WORD = _INSTRUMENTS | {word: channel for channel, words in _SYNONYMS.items() for word in words.split()}
+FOREIGN_WORDS = tuple(word for words in _SYNONYMS.values() for word in words.split() if not word.isascii())
+"""Headers by which the encoding of a table shows."""
 _AXES = {
     f"{word}{axis}": f"{channel}_{axis}"
     for channel, words in {
@@ -97,6 +99,17 @@ class ColumnMap(_Channels):
     """A column map: for every channel of the bench the column of the table that holds it."""
 
     time: TimeSource | None = None
+    encoding: str | None = None
+    """Encoding of a text table, such as cp1251, cp1252 or gb18030; left out: UTF-8, UTF-16, or as its words show."""
+
+    @model_validator(mode="after")
+    def _encodes(self) -> ColumnMap:
+        try:
+            "".encode(self.encoding or "utf-8")
+        except LookupError:
+            text = f"{self.encoding!r} is no encoding; cp1251, cp1252, gb18030, big5, shift_jis and koi8-u are some"
+            raise PlacedError(text, ("encoding",)) from None
+        return self
 
     def channel(self, name: str) -> ChannelSource | None:
         """Source of one channel other than time."""

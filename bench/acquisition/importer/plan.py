@@ -112,7 +112,8 @@ def plan_import(
     path: Path | str, columns: ColumnMap | None = None, serial: str = "unknown", dbc: Path | str | None = None
 ) -> ImportPlan:
     """Read and judge a table; InputError, one line with file and line number, when it cannot become a run."""
-    return plan_table(read_table(path, dbc), columns or ColumnMap(), serial)
+    columns = columns or ColumnMap()
+    return plan_table(read_table(path, dbc, encoding=columns.encoding), columns, serial)
 
 
 def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
@@ -237,7 +238,8 @@ def _spell(source: TimeSource) -> str:
 def _column_map(plan: ImportPlan) -> str:
     """The map that repeats this import exactly."""
     columns = {m.channel: {"column": m.column, "unit": m.unit} for m in plan.mapped}
-    return dump({"time": plan.time_source.model_dump(exclude_none=True), **columns})
+    encoding = {} if plan.table.encoding is None else {"encoding": plan.table.encoding}
+    return dump({**encoding, "time": plan.time_source.model_dump(exclude_none=True), **columns})
 
 
 def _manifest(plan: ImportPlan, run: RunFolder, created: datetime, operator: str | None) -> Manifest:

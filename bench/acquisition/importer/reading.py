@@ -18,7 +18,9 @@ from bench.base import InputError
 _TABLE, _LINES = "table.arrow", "lines.npy"
 
 
-def read_confined(path: Path, dbc: Path | None = None, confines: Confines | None = None) -> Table:
+def read_confined(
+    path: Path, dbc: Path | None = None, confines: Confines | None = None, encoding: str | None = None
+) -> Table:
     """The table of a file that may be anything; InputError, one line, where it cannot be read within the limits.
 
     Its columns stay in a file that is already removed, so that they take memory only where they are looked at.
@@ -27,21 +29,22 @@ def read_confined(path: Path, dbc: Path | None = None, confines: Confines | None
     import pyarrow as pa
 
     if os.name != "posix" or not path.is_file():  # what is missing needs no process to say so
-        return read_table(path, dbc)
+        return read_table(path, dbc, encoding=encoding)
     confines = confines or Confines()
     if confines.memory_bytes is None:
         confines = replace(confines, memory_bytes=memory_for(path.stat().st_size))
     confines = replace(confines, cpu_s=min(confines.cpu_s, processor_s_for(path.stat().st_size)))
     with tempfile.TemporaryDirectory(prefix="bench-import-") as scratch:
         folder = Path(scratch)
-        wanted = {"file": str(path), "dbc": None if dbc is None else str(dbc), "folder": scratch}
+        described = {"dbc": None if dbc is None else str(dbc), "encoding": encoding}
+        wanted = {"file": str(path), "folder": scratch, **described}
         told = run_confined(__name__, wanted, folder, confines)
         with pa.memory_map(str(folder / _TABLE)) as source:
             found = pa.ipc.open_file(source).read_all()
         columns = {name: found.column(i).to_numpy() for i, name in enumerate(told["names"])}
         lines = np.load(folder / _LINES) if told["lines"] == "file" else told["lines"] and range(*told["lines"])
     unread = {name: (reason, line) for name, (reason, line) in told["unread"].items()}
-    return Table(path, columns, told["units"], lines, tuple(told["notes"]), unread)
+    return Table(path, columns, told["units"], lines, tuple(told["notes"]), unread, told["encoding"])
 
 
 def _read(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,7 +54,8 @@ def _read(wanted: Mapping[str, Any]) -> dict[str, Any]:
 
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
-    table = read_table(wanted["file"], wanted["dbc"], int(wanted["confines"]["memory_bytes"]))
+    most_bytes = int(wanted["confines"]["memory_bytes"])
+    table = read_table(wanted["file"], wanted["dbc"], most_bytes, wanted["encoding"])
     folder = Path(wanted["folder"])
     arrays = [pa.array(column) for column in table.columns.values()]
     numbered = pa.Table.from_arrays(arrays, names=[str(i) for i in range(len(arrays))])
@@ -71,7 +75,7 @@ def _read(wanted: Mapping[str, Any]) -> dict[str, Any]:
     names = list(table.columns)
     return {
         "names": names, "units": dict(table.units), "lines": lines, "notes": list(table.notes),
-        "unread": dict(table.unread),
+        "unread": dict(table.unread), "encoding": table.encoding,
     }  # fmt: skip
 
 

@@ -33,6 +33,8 @@ class Table:
     notes: tuple[str, ...] = ()
     unread: Mapping[str, tuple[str, int | None]] = field(default_factory=dict)
     """Columns that hold no numbers: why, and the line in a text file of the first value that is none."""
+    encoding: str | None = None
+    """Of a text file that is not UTF-8 or UTF-16."""
 
     @property
     def rows(self) -> int:

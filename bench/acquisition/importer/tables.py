@@ -24,10 +24,13 @@ _SHOWN = 8
 """Identifiers in a message."""
 
 
-def read_table(path: Path | str, dbc: Path | str | None = None, most_bytes: int | None = None) -> Table:
+def read_table(
+    path: Path | str, dbc: Path | str | None = None, most_bytes: int | None = None, encoding: str | None = None
+) -> Table:
     """Read a table by its file's ending; `dbc` describes the frames of a CAN log. InputError when it cannot be read.
 
     What announces that it needs more than `most_bytes` of memory is refused; None: more than is free for it.
+    `encoding` is that of a text; None: as it shows.
     """
     path = Path(path)
     if not path.is_file():
@@ -44,7 +47,8 @@ def read_table(path: Path | str, dbc: Path | str | None = None, most_bytes: int 
     elif ending in READERS:
         table = read_log(path, most_bytes)
     else:
-        table = _read_mf4(path, most_bytes) if ending in {".mf4", ".mdf"} else read_text_table(path, most_bytes)
+        mf4 = ending in {".mf4", ".mdf"}
+        table = _read_mf4(path, most_bytes) if mf4 else read_text_table(path, most_bytes, encoding)
     if table.rows == 0:
         raise InputError("holds zero rows: there is a header, and no data", path)
     return table

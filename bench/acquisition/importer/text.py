@@ -10,12 +10,14 @@ import zipfile
 import zlib
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
+from bench.acquisition.importer.columns import FOREIGN_WORDS
 from bench.acquisition.importer.confines import memory_for
 from bench.acquisition.importer.header import ADVICE, COMMENTS, find_header, split
 from bench.acquisition.importer.table import Table
@@ -30,15 +32,20 @@ _LOOKED_AT = 100_000
 _NO_TEXT = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")
 _NO_WORD = re.compile(r"[^\x00-\x7f]{3,}")
 """What text in another encoding looks like in Windows-1252: three signs in a row that are not ASCII."""
+_ENCODINGS = ("cp1251", "cp1252", "gb18030")
+_SIGNS = {"gb18030": ("℃", "°/", "[°"), "cp1251": ("°/с", "°с")}
+"""Units that show an encoding, as the names of columns do."""
+_FOREIGN = re.compile(r"[^\x00-\x7f]+")
 _MARKLESS = 2000
 """Bytes in which UTF-16 without a byte order mark shows."""
+_NOT_UTF16 = "is not whole UTF-16; copy or export it again"
 KNOWN = "text tables (also .gz or .zip), .parquet, .mf4, .blf, .asc, .log, .trc, .xlsx, .tdms, .ulg and .h5"
 
 
-def read_text_table(path: Path, most_bytes: int | None = None) -> Table:
-    """Table of a file of text."""
-    data, notes = decoded(path, most_bytes)
-    return table_of_text(data, path, notes)
+def read_text_table(path: Path, most_bytes: int | None = None, encoding: str | None = None) -> Table:
+    """Table of a file of text; `encoding` where it is stated."""
+    data, notes, encoding = decoded(path, most_bytes, encoding)
+    return replace(table_of_text(data, path, notes), encoding=encoding)
 
 
 def table_of_text(data: bytes, path: Path, notes: Sequence[str] = ()) -> Table:
@@ -82,16 +89,19 @@ def table_of_text(data: bytes, path: Path, notes: Sequence[str] = ()) -> Table:
     return Table(path, known, units, lines=where, notes=tuple(notes), unread=unread)
 
 
-def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
-    """A text file in UTF-8, unpacked, and what is to be said of it; InputError where it is not text, with the line."""
+def decoded(path: Path, most_bytes: int | None, encoding: str | None = None) -> tuple[bytes, list[str], str | None]:
+    """A text file in UTF-8, unpacked, what is to be said of it, and its encoding; InputError with the line."""
     data = path.read_bytes()
     if path.suffix.lower() == ".gz" or data.startswith(b"PK\x03\x04"):
         data = _unpacked(path, most_bytes)
     data = data.removeprefix(codecs.BOM_UTF8)
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        data = _as_utf8(data, "utf-16", path)
+    if encoding is not None:
+        stated = f"is not text in {encoding}, as stated by `encoding`; correct it or leave it out"
+        data = _as_utf8(data, encoding, path, stated)
+    elif data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        data = _as_utf8(data, "utf-16", path, _NOT_UTF16)
     elif len(data) % 2 == 0 and data[1:_MARKLESS:2].count(0) > 0.4 * len(data[:_MARKLESS]):
-        data = _as_utf8(data, "utf-16-le", path)
+        data = _as_utf8(data, "utf-16-le", path, _NOT_UTF16)
     if b"\n" not in data:  # the line ends of old programs
         data = data.replace(b"\r", b"\n")
     if (found := _NO_TEXT.search(data, 0, _LOOKED_AT)) is not None:
@@ -101,24 +111,48 @@ def decoded(path: Path, most_bytes: int | None) -> tuple[bytes, list[str]]:
         )
     try:
         data.decode()
-    except UnicodeDecodeError:
-        western = _as_utf8(data, "cp1252", path)
-    else:
-        return data, []
-    if (strange := _NO_WORD.search(western.decode())) is not None:
-        text = f"is neither UTF-8 nor Windows-1252, in which it says '{strange[0]}'; save it as UTF-8"
-        raise InputError(text, path, western.decode().count("\n", 0, strange.start()) + 1)
-    return western, ["it is not UTF-8, and was read as Windows-1252"]
+    except UnicodeDecodeError as error:
+        encoding = _shown(data, data.count(b"\n", 0, error.start), path)
+        return data.decode(encoding).encode(), [f"it is not UTF-8, and was read as {encoding}"], encoding
+    return data, [], encoding
 
 
-def _as_utf8(data: bytes, encoding: str, path: Path) -> bytes:
+def _shown(data: bytes, before: int, path: Path) -> str:
+    """The encoding of a text that is not UTF-8, by its words; `before` are the lines before the first that is not."""
+    texts = {}
+    for encoding in _ENCODINGS:
+        with suppress(UnicodeDecodeError):
+            texts[encoding] = data.decode(encoding)
+    place = InputError("", path, before + 1)
+    if not texts:
+        raise _at(place, f"is not UTF-8 and in none of {', '.join(_ENCODINGS)}; export it as one of {KNOWN}")
+    looks = {encoding: "".join(text[:_LOOKED_AT].lower().split()) for encoding, text in texts.items()}
+    known = [one for one, look in looks.items() if any(word in look for word in _words(one))]
+    if len(known) == 1:
+        return known[0]
+    if not known and "cp1252" in texts and _NO_WORD.search(texts["cp1252"]) is None:
+        return "cp1252"
+    line = {encoding: text.split("\n")[before] for encoding, text in texts.items()}
+    says = [f"'{found[0]}' as {encoding}" for encoding, text in line.items() if (found := _FOREIGN.search(text))]
+    text = f"is not UTF-8: {', '.join(says)}; state which one by `encoding` in a column map, or save it as UTF-8"
+    raise _at(place, text)
+
+
+def _words(encoding: str) -> tuple[str, ...]:
+    """Words of tables that only this encoding writes so; cp1252 has none."""
+    own = [word for word in FOREIGN_WORDS if (ord(word[0]) < 0x0500) == (encoding == "cp1251")]
+    return () if encoding == "cp1252" else (*own, *_SIGNS[encoding])
+
+
+def _at(place: InputError, text: str) -> InputError:
+    return InputError(text, place.file, place.line)
+
+
+def _as_utf8(data: bytes, encoding: str, path: Path, otherwise: str) -> bytes:
     try:
         return data.decode(encoding).encode()
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"is not text in UTF-8, UTF-16 or Windows-1252; export it as one of {KNOWN}", path, line
-        ) from None
+        raise InputError(otherwise, path, data.count(b"\n", 0, error.start) + 1) from None
 
 
 def _unpacked(path: Path, most_bytes: int | None) -> bytes:

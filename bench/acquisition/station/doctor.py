@@ -24,7 +24,7 @@ from bench.acquisition.station.settings.instrument import InstrumentSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
 from bench.base import CHANNELS
-from drivers.can_record import FD_BYTES, FrameArray
+from drivers.can_record import FD_BYTES, FLAG_ERROR, FrameArray
 from drivers.canbus import open_bus
 from drivers.chamber import Chamber
 from drivers.clock import Clock, SimClock, WallClock
@@ -112,6 +112,8 @@ def _chamber(found: Examination, settings: StationSettings, clock: Clock) -> Non
     chamber, connection = settings.chamber, settings.chamber.connection
     registers = load_map(chamber.map)
     assert connection is not None  # checked with the file
+    for text in registers.doubts():
+        found.add("word order", "unknown", text)
     link = ModbusLink(connection.url, device_id=connection.device, timeout_s=connection.timeout_s, attempts=1)
     with closing(link):
         try:
@@ -274,7 +276,11 @@ def _bus(found: Examination, name: str, bus: Bus, units: list[UnitSettings], clo
         found.add(what, "no link", str(error))
         return
     silence: Verdict = "disagrees" if units else "unknown"
-    found.add(what, "agrees" if len(frames) else silence, f"{len(frames)} frames in {listen_s:g} s")
+    text = f"{len(frames)} frames in {listen_s:g} s"
+    none = bool(np.all(frames["flags"] & FLAG_ERROR))
+    if len(frames) and none and bus.framing is not None:
+        text += ", all of them bytes that are no packet: compare framing, check sum and baud rate"
+    found.add(what, silence if none else "agrees", text)
     for unit in units:
         _unit(found, unit, frames, listen_s, bus.to_driver().framing)
 

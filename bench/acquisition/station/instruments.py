@@ -62,14 +62,20 @@ class _Open:
     due_s: dict[str, float] = field(default_factory=dict)
     """When each channel is read next [s]."""
     job: Future[Values] | None = None
+    asked_s: float = 0.0
+    """When the job was given [s]."""
+
+    @property
+    def patience_s(self) -> float:
+        """How long a job may take until the thread counts as stuck [s]."""
+        return (3 + len(self.settings.read)) * self.settings.timeout_s + PATIENCE_S
 
     def do(self, action: Callable[..., T], *given: Any) -> T:
         """What `action` returns, done in the instrument's thread; DriverError, LinkError where it is stuck."""
-        patience_s = (3 + len(self.settings.read)) * self.settings.timeout_s + PATIENCE_S
         try:
-            return self.worker.submit(action, *given).result(patience_s)
+            return self.worker.submit(action, *given).result(self.patience_s)
         except NotInTime:
-            raise LinkError(f"{self.settings.name}: no answer within {patience_s:g} s") from None
+            raise LinkError(f"{self.settings.name}: no answer within {self.patience_s:g} s") from None
 
 
 class Instruments:
@@ -149,7 +155,7 @@ class Instruments:
         if one.job is None and due and one.link.due(now_s):
             for reading in due:
                 one.due_s[reading.channel] = max(one.due_s[reading.channel], now_s - TICK_S) + reading.period_s
-            one.job = one.worker.submit(self._read, one.driver, due)
+            one.job, one.asked_s = one.worker.submit(self._read, one.driver, due), now_s
 
     def _read(self, driver: Instrument, due: Sequence[ReadingSettings]) -> Values:
         """In the thread of the instrument."""
@@ -170,6 +176,8 @@ class Instruments:
     def _take_in(self, one: _Open) -> None:
         now_s = self._clock.now()
         if one.job is None or not one.job.done():
+            if one.job is not None and now_s - one.asked_s > one.patience_s:
+                one.link.gone(now_s, f"no answer within {one.patience_s:g} s")
             one.link.judge(now_s)
             return
         job, one.job = one.job, None

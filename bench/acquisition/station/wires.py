@@ -17,6 +17,8 @@ from drivers.bus_load import load
 from drivers.errors import ConfigError
 from drivers.framing import Framing
 from drivers.layout import Layout, layout_of
+from drivers.modbus import unknown_host
+from drivers.register import ORDER_ASSUMED
 from drivers.registers import map_text, parse_map
 from drivers.sim.axes import SAMPLE_MS as SIMULATED_MS
 from drivers.wire import Message, load_dbc
@@ -37,6 +39,7 @@ def wire_findings(
     `sent` are serial numbers of simulated units whose frames are not the simulator's, `guards` those of the profile.
     """
     yield from _chamber(station, guards)
+    yield from _hosts(station)
     traffic: dict[str, list[Message]] = {name: [] for name in station.buses}
     bits_per_s = dict.fromkeys(station.buses, 0.0)
     channels: dict[str, Container[str]] = {}
@@ -88,6 +91,8 @@ def _chamber(station: StationSettings, guards: Sequence[GuardSettings]) -> Itera
     except ConfigError as error:
         yield Finding("error", str(error))  # it names the file of the map
         return
+    for text in registers.doubts():
+        yield Finding("warning", text, *station.place("chamber", "map"))
     register = registers["setpoint"]
     for key, beyond in (
         ("lowest_degc", register.low is not None and chamber.lowest_degc < register.low),
@@ -106,6 +111,18 @@ def _chamber(station: StationSettings, guards: Sequence[GuardSettings]) -> Itera
             guards_of([guard], (), told, standing=standing)
         except InputError as error:
             yield Finding("error", str(error), *place)
+
+
+def _hosts(station: StationSettings) -> Iterator[Finding]:
+    """Hosts whose names this computer does not know; the one that runs may know them."""
+    if station.simulated or station.chamber.connection is None:
+        return
+    urls: dict[tuple[str | int, ...], str] = {("chamber", "connection", "url"): station.chamber.connection.url}
+    urls |= {("buses", name, "channel"): bus.channel for name, bus in station.buses.items() if "://" in bus.channel}
+    urls |= {("instruments", i, "address"): one.address or "" for i, one in enumerate(station.instruments)}
+    for place, url in urls.items():
+        if text := unknown_host(url):
+            yield Finding("warning", f"{url}{text}; correct it, or run where it is known", *station.place(*place))
 
 
 def _unit(unit: UnitSettings, layout: Layout, messages: Sequence[Message], bus: Bus) -> Iterator[Finding]:
@@ -147,6 +164,8 @@ def _instrument(instrument: InstrumentSettings, sent: Mapping[str, Container[str
         if both := [serial for serial, channels in sent.items() if reading.channel in channels]:
             text = f"instrument {instrument.name}: unit {', '.join(both)} sends {reading.channel} itself"
             yield Finding("error", f"{text}; measure it as `voltage`, or leave it out")
+        if reading.modbus is not None and reading.modbus.order_assumed:
+            yield Finding("warning", f"instrument {instrument.name}: {reading.channel} {ORDER_ASSUMED}")
     if instrument.needed:
         yield Finding("info", f"instrument {instrument.told()}")
 

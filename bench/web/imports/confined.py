@@ -33,6 +33,8 @@ def ask(wanted: Mapping[str, Any]) -> dict[str, Any]:
     if wanted["do"] == "preview":
         return previewed(wanted, folder)
     with contextlib.chdir(folder / "file"):  # messages and records name the file without the server's folders
-        result = make(wanted, read_confined(Path(wanted["file"]), wanted["dbc"] and Path(wanted["dbc"])))
+        encoding = (wanted.get("columns") or {}).get("encoding")
+        table = read_confined(Path(wanted["file"]), wanted["dbc"] and Path(wanted["dbc"]), encoding=encoding)
+        result = make(wanted, table)
     shutil.rmtree(folder, ignore_errors=True)
     return result

@@ -86,7 +86,8 @@ def _table(wanted: Mapping[str, Any]) -> Table:
 
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
-    return read_table(Path(wanted["file"]), wanted.get("dbc"), int(wanted["confines"]["memory_bytes"]))
+    encoding = (wanted.get("columns") or {}).get("encoding")
+    return read_table(Path(wanted["file"]), wanted.get("dbc"), int(wanted["confines"]["memory_bytes"]), encoding)
 
 
 def _column(table: Table, name: str) -> dict[str, Any]:

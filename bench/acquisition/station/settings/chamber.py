@@ -8,6 +8,8 @@ from pydantic import BaseModel, Field, model_validator
 
 from bench.acquisition.station.settings.link import LinkSettings
 from bench.base import STRICT, PlacedError
+from drivers.errors import ConfigError
+from drivers.modbus import address
 from drivers.sim.plant import PlantParameters
 
 Text = Annotated[str, Field(min_length=1)]
@@ -28,6 +30,14 @@ class Connection(BaseModel):
     """Modbus address."""
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 1.5
     """Longer than the controller's slowest answer."""
+
+    @model_validator(mode="after")
+    def _possible(self) -> Connection:
+        try:
+            address(self.url)
+        except ConfigError as error:
+            raise PlacedError(str(error), ("url",)) from None
+        return self
 
 
 class ChamberSettings(BaseModel):
