@@ -1,4 +1,4 @@
-"""The chamber driver beyond what every map has to do (test_contract.py): limits, writes read back, safe state verified."""
+"""The chamber driver, beyond what test_contract.py tries with every map: writes read back, the safe state verified."""
 
 from __future__ import annotations
 
