@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from bench.record import load
+from tests.support import calibrated
+
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
@@ -62,7 +65,7 @@ def bash(script, folder):
 @pytest.mark.timeout(1800)
 def test_the_tutorial_runs_from_its_first_line_to_its_calibration(tmp_path):
     *commands, calibrate = blocks(TUTORIAL)
-    # The how-to has the same command, and tests/commands/test_calibrate.py runs it there.
+    # The how-to has the same command, and the journey of one unit runs it there.
     assert calibrate.strip().removesuffix(" --quiet") in (ROOT / "docs" / "howto" / "production.md").read_text()
     said = bash("\n".join(commands), tmp_path)
     for language, shown in re.findall(r"```(\w*)\n(.*?)```", (ROOT / "docs" / "tutorial.md").read_text(), re.DOTALL):
@@ -87,7 +90,14 @@ def test_the_commands_about_the_page_run_in_one_shell(tmp_path):
 @pytest.mark.parametrize("journey", JOURNEYS)
 def test_the_commands_of_the_pages_run_from_the_first_to_the_last(tmp_path, journey):
     for page in JOURNEYS[journey]:
-        bash("\n".join(blocks(page)), tmp_path)
+        said = bash("\n".join(blocks(page)), tmp_path)
+        if page == "docs/howto/production.md":
+            calibrated.went_from_the_shelf_to_verified(tmp_path, said)
+        if page == "docs/howto/runs.md":
+            assert "identical; tables and results recomputed from its raw frames" in said
+        if page == "docs/howto/instruments.md":
+            (run,) = tmp_path.glob("measured/SIM-0001/*_quick")
+            assert load(run, 30.0).channel("supply_current") == pytest.approx(0.15)
 
 
 def test_every_command_of_the_pages_is_run_or_says_why_not():

@@ -1,9 +1,6 @@
 """Instruments of a station: recorded, guarded, off in the safe state, a fault when they fall silent."""
 
 import json
-import os
-import re
-import shutil
 import subprocess
 import sys
 import threading
@@ -322,22 +319,6 @@ def test_a_real_station_records_them_too(tmp_path):
     read = humidity[np.isfinite(humidity)]
     assert len(read) >= 4
     assert read == pytest.approx(12.0)
-
-
-@pytest.mark.slow
-def test_the_commands_of_the_page_run(tmp_path):
-    page = (ROOT / "docs" / "howto" / "instruments.md").read_text()
-    shutil.copytree(ROOT / "profiles", tmp_path / "profiles")
-    commands = re.findall(r"^bench (.*?) *(?:#.*)?$", page.split("```bash")[1].split("```")[0], re.MULTILINE)
-    assert len(commands) == 4
-    for command in commands:
-        done = subprocess.run(
-            [sys.executable, "-c", "from bench.cli import main; main()", *command.split()],
-            cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-    [run] = (tmp_path / "measured" / "SIM-0001").glob("*_quick")
-    assert load(run, 30.0).channel("supply_current") == pytest.approx(0.15)
 
 
 def test_the_example_of_the_page_is_a_station():

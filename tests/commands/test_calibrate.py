@@ -1,8 +1,6 @@
 """A calibration job: every step once, whatever is killed when; doubt is never shipped in silence; CI sees all of it."""
 
-import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -15,15 +13,14 @@ import pytest
 from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.commands.calibration.calibrate import calibrate
 from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
-from bench.commands.calibration.job import Case, Done, JobFile
+from bench.commands.calibration.job import Case, Done
 from bench.commands.calibration.junit import junit
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import JOB_MARK
 from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError
-from bench.record import DiagnosisRecord, JobRecord
+from bench.record import DiagnosisRecord
 from tests.support.commands import bench
-from tests.support.dcc import faults, read_back
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 QUICK = PROFILES / "plans" / "quick.yaml"
@@ -321,47 +318,3 @@ def test_a_run_that_was_killed_in_the_middle_goes_on_or_is_repeated(tmp_path, po
     assert (cut in job.runs()) == (cut / "manifest.json").is_file()
     assert job.step("run")["attempts"] == 2
     assert job.step("check")["attempts"] == 1
-
-
-def how_to(title):
-    """The first block of commands of a section of the how-tos."""
-    pages = "\n".join(page.read_text() for page in sorted((PROFILES.parent / "docs" / "howto").glob("*.md")))
-    return re.search(rf"## {title}\n+(?:<!--(?:(?!-->).)*-->\n)?```bash\n(.*?)```", pages, re.DOTALL).group(1)
-
-
-@pytest.mark.slow(first=True)
-def test_a_unit_goes_from_the_shelf_to_verified_as_the_how_to_says(tmp_path):
-    (tmp_path / "profiles").symlink_to(PROFILES)
-    commands = how_to("Calibrate a unit in one command") + how_to("Recompute old numbers")
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path}
-    done = subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", commands],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
-    assert done.stdout.count("PASS: unit SIM-0001") == 2
-    assert "identical; tables and results recomputed from its raw frames" in done.stdout
-    report = fromstring((tmp_path / "calibrate.xml").read_bytes())
-    assert (report.get("failures"), report.get("errors")) == ("0", "0")
-    (file,) = tmp_path.glob("reports/SIM-0001/*/job.json")
-    job = JobFile(file.parent, JobRecord.read(file.parent).content())
-    assert {step["attempts"] for step in job.content["steps"].values()} == {1}
-    assert job.facts("verify")["factor"] > 10
-    static = job.facts("static")["run"]
-    diagnosis = json.loads((file.parent.parent / job.facts("run")["run"] / "diagnosis.json").read_text())
-    assert diagnosis["static"] == static
-    assert list(tmp_path.glob("reports/*.sqlite*"))
-    pdf = job.folder / str(job.facts("certificate")["pdf"])
-    checked = json.loads(bench("certificate", "--verify", pdf, "--json").stdout)
-    assert checked["sound"], checked
-    assert checked["number"] == job.facts("certificate")["number"]
-    xml = pdf.with_suffix(".xml").read_bytes()
-    facts = json.loads(pdf.with_suffix(".json").read_text())
-    read = read_back(xml)
-    assert read["as_left.rms_dph"]["value"] == json.dumps(facts["as_left"]["rms_dph"])
-    assert read["uncertainty.expanded_dph"]["value"] == json.dumps(facts["uncertainty"]["expanded_dph"])
-    digit = read["as_left.rms_dph"]["value"].encode()
-    (tmp_path / "changed.xml").write_bytes(xml.replace(digit, digit[:-1] + (b"1" if digit[-1:] != b"1" else b"2")))
-    assert bench("certificate", "--verify", tmp_path / "changed.xml").exit_code == 1
-    assert faults(xml) == []
