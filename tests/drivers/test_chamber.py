@@ -78,13 +78,6 @@ def begun(bench, degc=80.0):
     return bench
 
 
-def test_identify_reads_and_writes_nothing(bench):
-    identity = bench.chamber.identify()
-    assert identity.model == "Watlow F4T"
-    assert dict(identity.answers)["temperature_unit"] == "celsius"
-    assert bench.writes == []
-
-
 def test_limits_are_those_of_station_and_controller_together(bench):
     wide = Chamber(bench.link, F4T, (-60.0, 100.0), bench.clock)
     wide.identify()
