@@ -1,5 +1,6 @@
 """Fixtures of several test files."""
 
+import gc
 import os
 import signal
 import sys
@@ -27,6 +28,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 """Hundreds of processes would each compile the bench anew, and each worker would rewrite the asserts of every file."""
 
+gc.disable()
+"""Until all tests are collected: nothing of what is imported meanwhile is garbage."""
 GUARD = leftovers.guard()
 """Ends the processes of this test run, even when the run is killed."""
 
@@ -46,6 +49,13 @@ def pytest_collection_modifyitems(items):
         if slow and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(900))
     items.sort(key=_late)
+
+
+def pytest_collection_finish():
+    """What was imported and collected stays to the end: no search for garbage goes through it again (0.7 s each)."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 def _late(item):

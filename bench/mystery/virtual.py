@@ -20,7 +20,6 @@ from drivers.sim.resonator import DIVIDER, Environment, PowerOn, Resonator, Unit
 RATE_HZ = 10.0
 STEP_S = 5
 """Time over which chamber temperatures are interpolated linearly [s]; a multiple of DIVIDER / RATE_HZ."""
-_NODES_PER_S = RATE_HZ / DIVIDER
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.settings.faults import OF_BUS, OF_CHAMBER, OF_UNIT
 from bench.base.errors import InputError
 from bench.cli import main
-from tests.acquisition.test_several import FOUR, SERIALS, UP_AND_DOWN
+from tests.acquisition.test_several import FOUR, SERIALS
 from tests.support import acquisition
 
 
@@ -58,6 +58,16 @@ def test_faults_of_a_unit_that_is_not_in_the_run_do_nothing(tmp_path):
     from dataclasses import replace
 
     assert run_job(replace(job, serials=("SIM-0001",))).error is None
+
+
+UP_AND_DOWN = """\
+name: up and down
+segments:
+  - {kind: ramp, to_degc: 31, rate_degc_per_min: 3}
+  - {kind: soak, duration_min: 1}
+  - {kind: ramp, to_degc: 24, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 1}
+"""
 
 
 @pytest.mark.slow

@@ -5,132 +5,13 @@ from types import SimpleNamespace
 
 import pytest
 
-from bench.acquisition.profile.guards import DEFAULT_GUARDS, Guards, GuardSettings, Signal
-from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.profile.guards import DEFAULT_GUARDS, GuardSettings
 from bench.acquisition.run.control import time_left
-from bench.acquisition.run.sequencer import Sequencer
-from bench.acquisition.run.wiring import Continue, Stop, Wiring
+from bench.acquisition.run.wiring import Continue, Stop
 from bench.acquisition.station.settings.link import LinkSettings
-from bench.acquisition.station.settings.safety import SafeStateSettings
 from bench.base.errors import EquipmentError, RunAborted
-from drivers.chamber import ChamberReading
-from drivers.clock import SimClock
 from drivers.errors import LimitError, LinkError
-
-TAU_S = 20.0
-
-
-class FakeChamber:
-    """Air follows the working set point with a time constant; every command is kept with its time."""
-
-    limits = (-40.0, 85.0)
-
-    def __init__(self, clock, native_ramp):
-        self.native_ramp, self.commanded, self.faults = native_ramp, None, {}
-        self.commands, self.identified, self.odd = [], [], []
-        self.deaf, self.unconfirmed = None, False
-        self.air = self.working = self.panel = 23.0
-        self.on, self.rate, self.tau_s = False, None, TAU_S
-        self._clock = clock
-        clock.attach(self.step)
-
-    def step(self, t0_s, t1_s):
-        if self.on:
-            away = self.panel - self.working
-            reach = abs(away) if self.rate is None else min(abs(away), self.rate / 60 * (t1_s - t0_s))
-            self.working += reach if away > 0 else -reach
-            self.air += (self.working - self.air) * (t1_s - t0_s) / self.tau_s
-
-    def set_point(self, target):
-        self._command(target, None)
-
-    def ramp_to(self, target, rate):
-        self._command(target, rate)
-
-    def _command(self, target, rate):
-        now_s = self._clock.now()
-        if self.deaf and self.deaf[0] <= now_s < self.deaf[1]:
-            raise LinkError("no answer")
-        self.commands.append((now_s, target, rate))
-        self.panel, self.rate = target, rate
-        if self.unconfirmed and target == 33.0:
-            self.unconfirmed = False
-            raise LinkError("no confirmation")
-        self.commanded = target
-
-    def start(self):
-        self.commands.append((self._clock.now(), "start", None))
-        self.on = True
-
-    def identify(self):
-        self.poll()
-        self.identified.append(self._clock.now())
-        return SimpleNamespace(model="fake")
-
-    def deviations(self):
-        return list(self.odd)
-
-    def poll(self):
-        now_s = self._clock.now()
-        if self.deaf and self.deaf[0] <= now_s < self.deaf[1]:
-            raise LinkError("no answer")
-        for (from_s, to_s), error in self.faults.items():
-            if from_s <= now_s < to_s:
-                raise error
-        return ChamberReading(now_s, self.air, self.panel, self.working, None, self.on, (), None)
-
-
-class FakeBench:
-    """Station, recorder and sequencer; the unit's sensor is the air."""
-
-    def __init__(self, *guards, native_ramp=True, hooks=None, link=None, **wiring):
-        self.clock = SimClock()
-        self.chamber = FakeChamber(self.clock, native_ramp)
-        self.unit = SimpleNamespace(newest_frame_s=None, temperature=None, doubted_s=0.0, thermometer="temperature")
-        self.units, self.missing, self.polled = [self.unit], 2, 0
-        self.settings = SimpleNamespace(
-            ambient_degc=23.0,
-            safe_state=SafeStateSettings(),
-            chamber=SimpleNamespace(link=link or LinkSettings(degraded_after_s=5.0, lost_after_s=10.0)),
-        )
-        self.events, self.readings, self.seen, self.disk_mb = [], 0, [], 1e6
-        self.bus_failed_s, self.instruments = 0.0, SimpleNamespace(latest={})
-        self.hooks, self.lag_degc = hooks or {}, 0.0
-        disk = lambda: {"disk_free_mb": Signal(self.disk_mb, self.clock.now())}  # noqa: E731
-        wired = Wiring(onlooker=self.seen.append, surroundings=disk, **wiring)
-        self.sequencer = Sequencer(self, Guards(guards), self, wired)
-
-    # station
-    def missing_units(self):
-        return ["unit X: no sound rate frame"] if self.polled < self.missing else []
-
-    def poll(self):
-        self.polled += 1
-        now_s = self.clock.now()
-        if self.polled >= self.missing:
-            self.unit.newest_frame_s, self.unit.temperature = now_s, Signal(self.chamber.air + self.lag_degc, now_s)
-        self.hooks.get(round(now_s), lambda bench: None)(self)
-
-    # recorder
-    def event(self, kind, text, **facts):
-        self.events.append((self.clock.now(), kind, text))
-
-    def reading(self, reading):
-        self.readings += 1
-
-    def tick(self):
-        pass
-
-    def go(self, *segments, start=True):
-        profile = profile_from_text("name: p\nsegments:\n" + "".join(f"  - {{{text}}}\n" for text in segments))
-        if start:
-            self.sequencer.check_before_start()
-            self.sequencer.start_chamber()
-        return self.sequencer.run(profile.legs())
-
-    def kinds(self):
-        return [kind for _, kind, _ in self.events]
-
+from tests.support.fake_bench import FakeBench
 
 RAMP = "kind: ramp, to_degc: 33, rate_degc_per_min: 2"
 
@@ -138,15 +19,30 @@ RAMP = "kind: ramp, to_degc: 33, rate_degc_per_min: 2"
 OVERRIDE = next(guard for guard in DEFAULT_GUARDS if guard.signal == "override")
 
 
-def hold_guard(**settings):
-    return GuardSettings(name="hot", signal="disk_free_mb", action="hold", release_delay_s=5.0, **settings)
+LOW = {"name": "disk", "signal": "disk_free_mb", "below": 10.0}
+HOLD = GuardSettings(**LOW, action="hold", release_delay_s=5.0)
+
+
+def asks(request, who="operator"):
+    """At its time, somebody asks for a hold, a pause, its end, or the end of the run."""
+    return lambda bench: getattr(bench.sequencer, f"request_{request}")(who)
+
+
+def disk(free_mb):
+    """From its time, so much of the disk is free."""
+    return lambda bench: setattr(bench, "disk_mb", free_mb)
+
+
+def stuck(bench):
+    """From now, the air does not move."""
+    bench.chamber.tau_s = 1e9
 
 
 def test_a_ramp_is_commanded_once_and_ends_when_the_air_has_arrived():
     bench = FakeBench()
     (ramp,) = bench.go(RAMP)
     assert bench.chamber.commands[2:] == [(ramp.from_s, 33.0, 2.0)]
-    assert ramp.outcome == "done"
+    assert ramp.outcome == "done"  # a profile that ends warm is over: there is no way back to ambient
     assert ramp.to_s - ramp.from_s == pytest.approx(60 * 10 / 2, abs=3)  # the air follows within the arrival band
     assert (ramp.kind, ramp.direction, ramp.rate_degc_per_min) == ("ramp", "heating", 2.0)
 
@@ -204,15 +100,14 @@ def test_what_does_not_settle_in_its_time_is_a_failed_segment_with_its_reason():
 
 
 def test_a_ramp_that_does_not_arrive_is_a_failed_segment():
-    bench = FakeBench(hooks={10: lambda bench: setattr(bench.chamber, "tau_s", 1e9)})
+    bench = FakeBench(hooks={10: stuck})
     (ramp,) = bench.go(f"{RAMP}, timeout_min: 0.1")
     assert ramp.outcome == "timeout"
     assert "chamber air is" in ramp.reason
 
 
 def test_a_held_ramp_stays_where_it_is_and_goes_on_as_a_marked_segment():
-    low, fine = (lambda bench: setattr(bench, "disk_mb", 1.0)), (lambda bench: setattr(bench, "disk_mb", 1e6))
-    bench = FakeBench(hold_guard(below=10.0), hooks={100: low, 160: fine})
+    bench = FakeBench(HOLD, hooks={100: disk(1.0), 160: disk(1e6)})
     held, resumed = bench.go(RAMP)
     assert (held.outcome, held.to_s) == ("held", 100.0)
     assert (resumed.name, resumed.outcome) == (f"{held.name} (resumed)", "done")
@@ -225,10 +120,7 @@ def test_a_held_ramp_stays_where_it_is_and_goes_on_as_a_marked_segment():
 
 
 def test_a_guard_that_aborts_ends_the_run_and_keeps_the_segment():
-    bench = FakeBench(
-        GuardSettings(name="disk", signal="disk_free_mb", below=10.0),
-        hooks={50: lambda bench: setattr(bench, "disk_mb", 1.0)},
-    )
+    bench = FakeBench(GuardSettings(**LOW), hooks={50: disk(1.0)})
     with pytest.raises(RunAborted, match="aborted by guard: disk: disk_free_mb = 1 is below 10"):
         bench.go(RAMP)
     (ramp,) = bench.sequencer.results
@@ -239,9 +131,9 @@ def test_a_guard_that_aborts_ends_the_run_and_keeps_the_segment():
 @pytest.mark.parametrize("action", ["abort", "hold"])
 @pytest.mark.parametrize("delay_s", [0.0, 600.0])
 def test_a_guard_that_objects_before_the_start_leaves_everything_untouched(action, delay_s):
-    bench = FakeBench(GuardSettings(name="d", signal="disk_free_mb", below=10.0, action=action, delay_s=delay_s))
+    bench = FakeBench(GuardSettings(**LOW, action=action, delay_s=delay_s))
     bench.disk_mb = 1.0
-    with pytest.raises(RunAborted, match="not started: d: disk_free_mb = 1 is below 10"):
+    with pytest.raises(RunAborted, match="not started: disk: disk_free_mb = 1 is below 10"):
         bench.go(RAMP)
     assert bench.chamber.commands == []
     assert not bench.sequencer.moved
@@ -256,19 +148,17 @@ def test_a_unit_that_is_not_there_ends_it_before_anything_moves():
     assert bench.chamber.commands == []
 
 
-def test_a_stop_request_ends_the_run_at_the_next_tick():
-    bench = FakeBench(hooks={60: lambda bench: bench.sequencer.request_stop("operator")})
+@pytest.mark.parametrize(
+    ("at_s", "missing", "before"),
+    [(60, 2, {}), (90, 2, {50: asks("hold")}), (2, 1000, {})],
+    ids=["in a ramp", "in a hold", "while the units are awaited"],
+)
+def test_a_stop_request_ends_the_run_at_the_next_tick(at_s, missing, before):
+    bench = FakeBench(hooks={**before, at_s: asks("stop")})
+    bench.missing = missing
     with pytest.raises(RunAborted, match="aborted by operator"):
         bench.go(RAMP)
-    assert bench.clock.now() == 61.0
-
-
-def test_a_stop_request_is_heard_while_the_units_are_awaited():
-    bench = FakeBench(hooks={2: lambda bench: bench.sequencer.request_stop("operator")})
-    bench.missing = 1000
-    with pytest.raises(RunAborted, match="operator"):
-        bench.go(RAMP)
-    assert bench.clock.now() == 3.0
+    assert bench.clock.now() == at_s + 1.0
 
 
 LINK = LinkSettings(degraded_after_s=5.0, lost_after_s=30.0, retry_most_s=8.0)
@@ -369,23 +259,22 @@ def test_a_reading_that_cannot_be_true_reaches_the_runner():
     assert bench.sequencer.results[-1].outcome == "interrupted"
 
 
-def test_a_set_point_of_somebody_else_trips_a_guard():
-    bench = FakeBench(OVERRIDE, hooks={50: lambda bench: setattr(bench.chamber, "panel", 60.0)})
-    with pytest.raises(RunAborted, match=r"override = 1 .*: set point is 60 degC, the bench commanded 33"):
+@pytest.mark.parametrize(
+    ("what", "value", "said", "at_s"),
+    [
+        ("panel", 60.0, r"override = 1 .*: set point is 60 degC, the bench commanded 33", 54.0),
+        ("on", False, "the chamber has been off for 14 s although the run is on", 65.0),
+    ],
+)
+def test_what_somebody_else_does_at_the_panel_trips_a_guard(what, value, said, at_s):
+    bench = FakeBench(OVERRIDE, hooks={50: lambda bench: setattr(bench.chamber, what, value)})
+    with pytest.raises(RunAborted, match=said):
         bench.go(RAMP)
-    assert bench.clock.now() == 54.0
-
-
-def test_a_chamber_that_somebody_switched_off_trips_it_too():
-    bench = FakeBench(OVERRIDE, hooks={50: lambda bench: setattr(bench.chamber, "on", False)})
-    with pytest.raises(RunAborted, match="the chamber has been off for 14 s although the run is on"):
-        bench.go(RAMP)
+    assert bench.clock.now() == at_s
 
 
 def test_an_operator_holds_a_ramp_where_it_is_and_resumes_it_without_rewinding():
-    hold = lambda bench: bench.sequencer.request_hold("operator ada")  # noqa: E731
-    resume = lambda bench: bench.sequencer.request_resume("operator ben")  # noqa: E731
-    bench = FakeBench(hooks={100: hold, 160: resume})
+    bench = FakeBench(hooks={100: asks("hold", "operator ada"), 160: asks("resume", "operator ben")})
     held, resumed = bench.go(RAMP)
     assert (held.outcome, held.to_s) == ("held", 101.0)
     assert held.reason == "operator: hold by operator ada"
@@ -400,9 +289,7 @@ def test_an_operator_holds_a_ramp_where_it_is_and_resumes_it_without_rewinding()
 
 
 def test_the_forecast_stays_true_through_a_hold():
-    hold = lambda bench: bench.sequencer.request_hold("operator")  # noqa: E731
-    resume = lambda bench: bench.sequencer.request_resume("operator")  # noqa: E731
-    bench = FakeBench(hooks={100: hold, 400: resume})
+    bench = FakeBench(hooks={100: asks("hold"), 400: asks("resume")})
     results = bench.go(RAMP, "kind: soak, duration_min: 5")
     nominal_s = bench.seen[0].leg.nominal_end_s + 300.0
     ends = {status.t_s: status.t_s + time_left(status, nominal_s)[1] for status in bench.seen}
@@ -412,12 +299,7 @@ def test_the_forecast_stays_true_through_a_hold():
 
 
 def test_a_pause_waits_for_the_end_of_the_segment_and_holds_its_target():
-    bench = FakeBench(
-        hooks={
-            50: lambda bench: bench.sequencer.request_pause("operator"),
-            500: lambda bench: bench.sequencer.request_resume("operator"),
-        }
-    )
+    bench = FakeBench(hooks={50: asks("pause"), 500: asks("resume")})
     ramp, soak = bench.go(RAMP, "kind: soak, duration_min: 1")
     assert ramp.outcome == "done"
     assert soak.from_s == pytest.approx(501.0, abs=1)
@@ -426,23 +308,9 @@ def test_a_pause_waits_for_the_end_of_the_segment_and_holds_its_target():
 
 
 def test_resume_does_not_release_what_a_guard_holds():
-    low, fine = (lambda bench: setattr(bench, "disk_mb", 1.0)), (lambda bench: setattr(bench, "disk_mb", 1e6))
-    resume = lambda bench: bench.sequencer.request_resume("operator")  # noqa: E731
-    bench = FakeBench(hold_guard(below=10.0), hooks={100: low, 120: resume, 160: fine})
+    bench = FakeBench(HOLD, hooks={100: disk(1.0), 120: asks("resume"), 160: disk(1e6)})
     _, resumed = bench.go(RAMP)
     assert resumed.from_s > 160.0
-
-
-def test_stop_ends_a_hold():
-    bench = FakeBench(
-        hooks={
-            50: lambda bench: bench.sequencer.request_hold("operator"),
-            90: lambda bench: bench.sequencer.request_stop("operator"),
-        }
-    )
-    with pytest.raises(RunAborted, match="aborted by operator"):
-        bench.go(RAMP)
-    assert bench.clock.now() == 91.0
 
 
 COLD = "kind: ramp, to_degc: -10, rate_degc_per_min: 5"
@@ -464,19 +332,14 @@ def test_the_way_back_waits_for_units_that_are_still_cold():
     assert (home.outcome, home.to_s > 700.0) == ("done", True)
 
 
-def test_a_profile_that_ends_warm_is_over():
-    assert len(FakeBench().go(RAMP)) == 1
-
-
 def test_the_way_back_has_a_time_limit():
-    bench = FakeBench(hooks={600: lambda bench: setattr(bench.chamber, "tau_s", 1e9)})
+    bench = FakeBench(hooks={600: stuck})
     _, home = bench.go(COLD, "kind: soak, duration_min: 5")[-2:]
     assert (home.outcome, home.to_s - home.from_s) == ("timeout", pytest.approx(3600, abs=2))
 
 
 def test_a_safe_guard_ends_the_profile_and_records_the_way_to_ambient():
-    guard = GuardSettings(name="disk", signal="disk_free_mb", below=10.0, action="safe")
-    bench = FakeBench(guard, hooks={400: lambda bench: setattr(bench, "disk_mb", 1.0)})
+    bench = FakeBench(GuardSettings(**LOW, action="safe"), hooks={400: disk(1.0)})
     with pytest.raises(RunAborted, match=r"profile ended by guard: disk: .*; the chamber is back at ambient"):
         bench.go("kind: ramp, to_degc: 80, rate_degc_per_min: 5", "kind: soak, duration_min: 5")
     up, home = bench.sequencer.results
@@ -487,26 +350,13 @@ def test_a_safe_guard_ends_the_profile_and_records_the_way_to_ambient():
 def test_rates_are_turned_once_settled_and_the_table_stops_with_the_leg():
     told = []
 
-    class Turning:
-        def tick(self, now_s, settled):
-            told.append(settled)
-            return len(told) >= 100
+    def turn(now_s, settled):
+        told.append(settled)
+        return len(told) >= 100
 
-        def stop(self):
-            told.append("stop")
-
-    class Still:
-        def tick(self, now_s, settled):
-            return True
-
-        def stop(self):
-            pass
-
-    class Table:
-        def begin(self, leg):
-            return Turning() if leg.kind == "soak" else Still()
-
-    bench = FakeBench(table=Table())
+    turning = SimpleNamespace(tick=turn, stop=lambda: told.append("stop"))
+    still = SimpleNamespace(tick=lambda now_s, settled: True, stop=lambda: None)
+    bench = FakeBench(table=SimpleNamespace(begin=lambda leg: turning if leg.kind == "soak" else still))
     _, soak = bench.go(RAMP, "kind: soak, duration_min: 1")
     assert soak.to_s - soak.from_s == 100.0
     assert told == [*[True] * 100, "stop"]
@@ -558,7 +408,7 @@ def test_a_run_that_is_ended_early_while_it_is_cold_goes_home_first_and_asks_nob
 
 
 def test_a_run_that_is_held_can_be_ended_early():
-    bench = FakeBench(decider=Satisfied(100.0), hooks={30: lambda bench: bench.sequencer.request_hold("me")})
+    bench = FakeBench(decider=Satisfied(100.0), hooks={30: asks("hold")})
     held = bench.go(RAMP)
     assert [result.outcome for result in held] == ["held"]
     assert bench.sequencer.decision.who == "fit"

@@ -15,7 +15,6 @@ import bench.commands.several
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.recorder import Recorder
 from bench.acquisition.run.runner import UnitResult, run_job
-from bench.analysis.effects.model import load_model
 from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.cli import main, rendering
 from bench.commands.several import report_on_all
@@ -287,36 +286,6 @@ def test_the_answer_for_several_is_the_worst_and_one_that_cannot_be_analysed_los
     assert answer.exit_code == 4
     assert "G2  unproven: not analysed: too little data" in text
     assert "bench: dropped: silent" in text
-
-
-UP_AND_DOWN = """\
-name: up and down
-segments:
-  - {kind: ramp, to_degc: 31, rate_degc_per_min: 3}
-  - {kind: soak, duration_min: 1}
-  - {kind: ramp, to_degc: 24, rate_degc_per_min: 2}
-  - {kind: soak, duration_min: 1}
-"""
-
-
-@pytest.mark.slow
-def test_four_units_of_which_one_dies_in_mid_ramp_give_three_calibrations_and_one_reason(world, tmp_path):
-    settings = acquisition.station(**acquisition.config.read_yaml(FOUR).content)
-    die = at(100, lambda station: world[0].units.pop(2))
-    result = run_job(acquisition.job(tmp_path, UP_AND_DOWN, settings), die)
-    answer = report_on_all(result.units, [load_model("polynomial")])
-    assert answer.exit_code == 4
-    told = rendering.content(answer)
-    assert told["verdict"] == "partial"
-    dead = told["units"].pop(2)
-    assert (dead["unit"], dead["state"], dead["complete"]) == ("SIM-0003", "failed", False)
-    assert dead["error"] == "dropped: no sound rate frame for 5.0 s, 5 s allowed"
-    for content in told["units"]:
-        assert (content["state"], content["complete"], content["losses"]["lost"]) == ("done", True, 0)
-        calibration = json.loads((Path(content["run"]) / "calibration.json").read_text())
-        assert calibration["calibration"] is not None
-    text = rendering.plain(answer)
-    assert [line for line in text.splitlines() if line.startswith("bench: ")] == [f"bench: {dead['error']}"]
 
 
 def test_several_units_are_run_with_one_command_and_one_unit_answers_as_ever(tmp_path):

@@ -128,16 +128,6 @@ def test_a_killed_bench_leaves_a_safe_chamber(world):
 
 
 @pytest.mark.slow
-def test_a_hanging_bench_is_killed_and_the_chamber_made_safe(world):
-    bench, run = world.run()
-    bench.send_signal(signal.SIGSTOP)
-    world.panel.wait_for(23.0, False)
-    assert bench.wait(PATIENCE_S) == -signal.SIGKILL
-    assert "bench watchdog: killed the bench, which hung" in bench.stderr.read()
-    assert events(run)[0]["text"].startswith("the bench was silent for")
-
-
-@pytest.mark.slow
 def test_ctrl_c_and_sigterm_to_everybody_leave_it_to_the_bench(world):
     bench, run = world.run()
     (child,) = [

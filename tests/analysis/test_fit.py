@@ -454,8 +454,6 @@ def test_one_degree_steps_of_the_sensor_are_found_and_sized(from_raw):
     coarse = coarse.average(10.0) if from_raw else coarse
     found = fit_model(load_model("polynomial"), coarse)
     assert "steps of 1 degC; they cause 0.144 deg/h RMS" in found.warnings[0]
-    with pytest.raises(InputError, match=r"steps of 1 degC.*limit 0\.1 deg/h"):
-        fit_model(load_model("polynomial"), coarse, quantisation_limit_dph=0.1)
 
 
 def test_a_fine_sensor_is_not_called_coarse():

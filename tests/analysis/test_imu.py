@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from scipy.linalg import cholesky, lstsq, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -15,13 +15,11 @@ from bench.analysis.imu import identify
 from bench.analysis.imu.attitudes import Stay, gravity_at, inputs
 from bench.analysis.imu.curves import Reference
 from bench.analysis.imu.fitting import fit_axis, fit_imu, fit_triad
-from bench.analysis.imu.multiposition import fit_gravity
 from bench.analysis.imu.triad import Curve, TriadModel
 from bench.base import InputError
 from bench.record.attitudes import TUMBLES, Attitude, tumble
 from benchmarks import imu, imu_data
 from drivers.sim.truth.imu.drawn import drawn
-from drivers.sim.truth.imu.elements import AccelerometerSettings
 from drivers.sim.truth.imu.mounting import Stand
 from drivers.sim.truth.imu.unit import ImuSettings, SimulatedImu
 
@@ -144,60 +142,6 @@ def test_scipy_alone_finds_the_same_gyro_within_a_tenth_of_the_uncertainty():
     stated = list(own.estimates(25.0, Reference(), "gyro"))[:4]
     for one, other in zip(stated, independent(gyro, own.scatter.root, 25.0), strict=True):
         assert abs(one.value - other) <= 0.1 * one.U, one
-
-
-def ellipsoid(output, gravity):
-    """Bias and lower triangular C of |C (y - b)| = g: the quadric through the points, by scipy alone."""
-    x, y, z = output.T / gravity
-    columns = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z], axis=1)
-    a, b, c, d, e, f, *line = lstsq(columns, np.ones(len(x)))[0]
-    shape = np.array([[a, d, e], [d, b, f], [e, f, c]])
-    centre = -0.5 * np.linalg.solve(shape, line)
-    shape /= 1.0 + centre @ shape @ centre
-    # shape = C' C with C lower triangular: Cholesky of the matrix turned over both ways.
-    lower = cholesky(shape[::-1, ::-1], lower=True).T[::-1, ::-1]
-    return gravity * centre, lower
-
-
-def test_an_ellipsoid_of_scipy_finds_the_same_accelerometers_within_a_tenth_of_the_uncertainty():
-    settings = drawn(3)
-    none = dict.fromkeys(("second_order_ug_per_g2", "second_order_ug_per_g2_per_degc"), 0.0)
-    linear = tuple(a.model_copy(update=none) for a in settings.accelerometers)
-    settings = settings.model_copy(update={"accelerometers": linear})
-    data = still(settings, tumble(24) * 2, visit_arcsec=0.0)[1]
-    gravity = gravity_at(imu_data.LATITUDE_DEG)
-    found = fit_gravity(data.output, data.temperature[:, 0], gravity, Curve(0)).values(28.0)
-    centre, lower = ellipsoid(data.output, gravity)
-    others = [*centre, *(lower - np.eye(3))[np.tril_indices(3)]]
-    assert len(others) == len(found)
-    for (name, (value, U)), other in zip(found.items(), others, strict=True):
-        assert abs(value - other) <= 0.1 * U, name
-
-
-def test_gravity_alone_finds_bias_and_scale_over_temperature_within_its_uncertainty():
-    straight = tuple(
-        AccelerometerSettings(bias=a.bias[:2], scale_ppm=a.scale_ppm, scale_ppm_per_degc=a.scale_ppm_per_degc)
-        for a in drawn(5).accelerometers
-    )
-    settings = ImuSettings(accelerometers=straight, acceleration_instability=0.0)
-    plan = [imu_data.Move(a, 0.0, degc) for degc in (0.0, 25.0, 50.0) for a in tumble(24)]
-    data = imu_data.record(settings, imu_data.at_home(), 5, plan)[1]
-    found = fit_gravity(data.output, data.temperature[:, 0], gravity_at(imu_data.LATITUDE_DEG), Curve(1))
-    true = dict(imu_data.truth(settings, "accelerometer", 40.0))
-    values = found.values(40.0)
-    for axis in "xyz":
-        value, U = values[f"bias {axis}"]
-        assert abs(value - true[f"accelerometer {axis}: bias"]) < 1.5 * U
-        value, U = values[f"scale factor {axis}"]  # C is the inverse of the matrix
-        assert abs(1e6 / (1.0 + value) - 1e6 - true[f"accelerometer {axis}: scale factor"]) < 1.5e6 * U
-
-
-def test_positions_that_do_not_determine_the_ellipsoid_are_refused_by_name():
-    data = still(ImuSettings(), [a for a in tumble(12) if a.matrix[2, 2] == 0.0] * 4)[1]
-    with pytest.raises(InputError, match=r"these positions do not determine .*angle x-z.*well spread"):
-        fit_gravity(data.output, data.temperature[:, 0], 9.8, Curve(0))
-    with pytest.raises(InputError, match="6 rows for 9 parameters"):
-        fit_gravity(data.output[:6], data.temperature[:6, 0], 9.8, Curve(0))
 
 
 def test_corrected_outputs_of_an_unseen_run_err_as_those_of_the_true_model():

@@ -2,7 +2,6 @@
 
 import json
 import os
-import subprocess
 import sys
 from functools import partial
 from types import SimpleNamespace
@@ -22,7 +21,7 @@ from bench.archive.fleet.refit import _lost, refit_group, refit_unit, refits, wr
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.record.dataset import load
-from benchmarks.fleet_refit import fleet
+from tests.support.fleet_runs import fleet
 from tests.support.run_folders import make_run, ramp_run
 
 MODEL = Model("spline 12", (Spline(12),))
@@ -275,12 +274,6 @@ def test_a_model_that_moments_cannot_say_is_refused_before_anything_is_read(tmp_
     said = CliRunner().invoke(main, ["fleet", "refit", "--model", "spline_lag_loop", "--out", str(tmp_path)])
     assert said.exit_code == 2
     assert "cannot be solved from moments" in said.stderr
-
-
-def test_the_benchmark_runs(tmp_path):
-    command = [sys.executable, "-m", "benchmarks.fleet_refit", "--units", "40", "--folder", str(tmp_path)]
-    done = subprocess.run([*command, "--engine", "serial"], capture_output=True, text=True, check=True)
-    assert "spline 24    serial" in done.stdout
 
 
 def test_an_engine_that_cannot_use_a_scheduler_is_bad_input(reports):

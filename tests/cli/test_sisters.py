@@ -7,9 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from bench.cli import main
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import Leg, make_run, ramp_run
 
-STILL = [("soak at 25", "soak", 25.0, 7200.0)]
+LOOP = [("up", "ramp", 60.0, 2.0), ("down", "ramp", 0.0, 2.0), ("back", "ramp", 25.0, 2.0)]
+STILL = [("soak at 25", "soak", 25.0, 2400.0)]
 COMMANDS = {
     "diagnose": ("--model", "polynomial"),
     "decide": ("--model", "polynomial", "--quiet"),
@@ -17,14 +18,14 @@ COMMANDS = {
 }
 
 
-def folder_of(out: Path, unit: str, number: int, *legs: object) -> Path:
-    return make_run(out / unit / f"r{number}", **ramp_run(*legs, seed=number), unit=unit, run=f"r{number}")
+def folder_of(out: Path, unit: str, number: int, legs: list[Leg]) -> Path:
+    return make_run(out / unit / f"r{number}", **ramp_run(legs, seed=number), unit=unit, run=f"r{number}")
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     out = tmp_path_factory.mktemp("sisters")
-    return folder_of(out, "U-1", 1), folder_of(out, "U-1", 2, STILL), folder_of(out, "U-2", 3, STILL)
+    return folder_of(out, "U-1", 1, LOOP), folder_of(out, "U-1", 2, STILL), folder_of(out, "U-2", 3, STILL)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -9,21 +9,29 @@ import pytest
 
 from bench.base.errors import InputError
 from bench.deliver.export.ccode import c_files
-from bench.deliver.export.delivery import NO_VALUE
+from bench.deliver.export.delivery import INPUTS, NO_VALUE, Block, Delivery, Shape
 from bench.deliver.export.evaluate import evaluate
 from bench.deliver.export.forms import FORMS
 from bench.deliver.export.image import read, words_of
 from bench.deliver.export.measure import grid, wander
+from bench.deliver.export.signals import channel_signal
 from tests.deliver.test_export import MODELS, delivered
 from tests.support.c_unit import compiled, run
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
 
 
+def accelerometer():
+    """A surface over its raw output and the temperature."""
+    signals = (channel_signal("acceleration", -20.0, 20.0), channel_signal("temperature", -55.0, 125.0))
+    block = Block(Shape.SURFACE, 0, 1, 5, 1e-3 * np.random.default_rng(3).normal(size=21))
+    return Delivery("surface", signals, (block,), INPUTS["acceleration"].count, 20.0, output=1)
+
+
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", [*MODELS, "accelerometer"])
 def test_the_c_code_is_the_reference_bit_for_bit(tmp_path, name, form):
-    made = delivered(name)
+    made = delivered(name) if name in MODELS else accelerometer()
     words = words_of(made, form, 1042, 7)
     library = compiled(tmp_path, words)
     holed = wander(made, 5000)

@@ -19,9 +19,8 @@ def check_calibrated(folder: Path, said: str) -> None:
     job = JobFile(file.parent, JobRecord.read(file.parent).content())
     assert {step["attempts"] for step in job.content["steps"].values()} == {1}
     assert job.facts("verify")["factor"] > 10
-    static = job.facts("static")["run"]
-    diagnosis = json.loads((file.parent.parent / job.facts("run")["run"] / "diagnosis-before.json").read_text())
-    assert diagnosis["static"] == static
+    compared = json.loads((file.parent.parent / job.facts("run")["run"] / "compare.json").read_text())
+    assert compared["static"] == job.facts("static")["run"]
     assert list(folder.glob("reports/*.sqlite*"))
     pdf = job.folder / str(job.facts("certificate")["pdf"])
     checked = json.loads(bench("certificate", "--verify", pdf, "--json").stdout)

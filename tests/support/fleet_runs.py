@@ -1,14 +1,20 @@
-"""A production line of run folders, as small as the registry allows: two stations, lots of 40, wished-for faults."""
+"""A production line of run folders, as small as the registry allows: two stations, lots of 40, wished-for faults.
+
+And a fleet of which only the moments are kept.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.record import Manifest
+from bench.analysis.fit.moments import Moments
+from bench.archive.fleet.moments_file import Stored
+from bench.record import Dataset, Manifest
 from tests.support.run_folders import keep
 
 BEGIN = datetime(2026, 3, 1, tzinfo=UTC)
@@ -68,3 +74,23 @@ def station(
     }
     keep(folder, "calibration.json", content)
     return folder
+
+
+def fleet(units: int, rows: int = 1006, interval_s: float = 30.0) -> Iterator[Stored]:
+    """Moments of units 0, 1, 2 …: two cycles of -40 to 85 degC, each unit with a curve, noise and gaps of its own."""
+    time_s = (np.arange(rows) + 0.5) * interval_s
+    for number in range(units):
+        random = np.random.default_rng(number)
+        temperature = 22.5 - 62.5 * np.cos(4 * np.pi * time_s / time_s[-1]) + random.normal(0.0, 0.01, rows)
+        x = temperature / 60.0
+        a = random.normal([12.0, 3.0, -2.0, 1.5, 0.4], [5.0, 1.0, 1.0, 0.5, 0.2])
+        bias = a[0] + a[1] * x + a[2] * x**2 + a[3] * x**3 + a[4] * np.sin(4 * x) + random.normal(0.0, 0.1, rows)
+        channels = {
+            "rate": np.where(random.random(rows) < 0.001, np.nan, bias),
+            "temperature": temperature,
+            "frequency": 14000.0 * (1 - 25e-6 * temperature) + random.normal(0.0, 0.05, rows),
+            "drive": 2.5 + 2e-4 * temperature + random.normal(0.0, 1e-4, rows),
+            "quadrature": 0.05 + 3e-4 * temperature + random.normal(0.0, 1e-4, rows),
+        }
+        run = Dataset(f"run-{number}", time_s, channels, np.zeros(rows, np.int64), (), interval_s)
+        yield Stored(f"U-{number:06d}", f"run-{number}", "", Moments.of([run]).pack())

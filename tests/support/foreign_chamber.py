@@ -85,6 +85,9 @@ class ForeignChamber:
             list.__setitem__(self.memory[register.read], address, word | others)
 
     def close(self) -> None:
+        if not self.pair:  # it looks whether to stop once a second, or when somebody calls
+            self.server._go.clear()
+            socket.create_connection(self.server._sock.getsockname()).close()
         self.server.stop()
         if self.pair:
             self.server.close()

@@ -15,9 +15,28 @@ from bench.cli import main
 from bench.commands import Task, job_of
 
 pytest_plugins = ["bench.testing.plugin"]
-ROOT = Path(__file__).parents[2]
 STATION = Path(__file__).parent / "newcomer" / "station.yaml"
 NOISE = random.Random(1)
+PROFILE = """
+name: brief_calibration
+start: {temperature_degc: 25}
+settle: {dwell_min: 1, slope_degc_per_min: 0.2}
+rates: {heating_degc_per_min: 4, cooling_degc_per_min: 2}
+segments:
+  - {kind: ramp, to_degc: 40, rate_degc_per_min: 4}
+  - {kind: soak, duration_min: 2}
+  - {kind: ramp, to_degc: 10, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 2}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 4}
+  - {kind: soak, duration_min: 12}
+  - {kind: ramp, to_degc: 10, rate_degc_per_min: 1.5}
+  - {kind: soak, duration_min: 2}
+  - {kind: ramp, to_degc: 40, rate_degc_per_min: 3}
+  - {kind: ramp, to_degc: 20, rate_degc_per_min: 2}
+  - {kind: ramp, to_degc: 30, rate_degc_per_min: 2}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 2}
+  - {kind: soak, duration_min: 10}
+"""
 MODEL = "name: polynomial\neffects:\n  - polynomial: {order: 3}\n"
 
 
@@ -46,7 +65,8 @@ def told(*arguments: object) -> str:
 
 @pytest.mark.slow
 def test_the_newcomers_units_are_calibrated_exported_and_certified(tmp_path):
-    profile = ROOT / "profiles" / "quick_calibration.yaml"
+    profile = tmp_path / "profile.yaml"
+    profile.write_text(PROFILE)
     texts = {"model.yaml": MODEL}
     senders = {"AXES-1": three_axes, "LINE-2": on_a_line}
     ended = run_job(job_of(profile, STATION, Task((), texts, tmp_path, senders=senders)))
@@ -59,7 +79,7 @@ def test_the_newcomers_units_are_calibrated_exported_and_certified(tmp_path):
         told("report", folder, "--model", "polynomial")
     runs = [axes.with_name(f"{axes.name}_rate_{axis}") for axis in "xyz"]
     for axis, folder in [*enumerate(runs), (0, line)]:
-        at = np.array([5.0, 25.0, 45.0])
+        at = np.array([12.0, 25.0, 38.0])
         truth = np.array([bias_dps(axis, degc) for degc in at]) * DPH_PER_DPS
         assert bench.open(folder).fit("polynomial").predict(temperature=at).bias == pytest.approx(truth, abs=0.3)
     for folder in (*runs, line):

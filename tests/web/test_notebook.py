@@ -12,6 +12,12 @@ from bench.web.people import people
 from tests.support import run_folders
 from tests.support.web_client import served
 
+LOOP = [
+    ("up", "ramp", 60.0, 2.0),
+    ("down", "ramp", 0.0, 2.0),
+    ("back", "ramp", 25.0, 2.0),
+    ("still", "soak", 25.0, 1800.0),
+]
 RUN = "SIM-0001/20261121T060000Z_ramp"
 CHECK = "SIM-0001/20261121T070000Z_ramp"
 MODELS = [
@@ -29,7 +35,7 @@ print("NUMBERS", json.dumps([score["rms_dph"], score["held_out_rms_dph"], score[
 def store(tmp_path_factory):
     out = tmp_path_factory.mktemp("runs")
     for run, seed in ((RUN, 1), (CHECK, 2)):
-        run_folders.make_run(out / run, **run_folders.ramp_run(rate_hz=1.0, seed=seed), unit="SIM-0001")
+        run_folders.make_run(out / run, **run_folders.ramp_run(LOOP, rate_hz=1.0, seed=seed), unit="SIM-0001")
     return out
 
 

@@ -318,10 +318,10 @@ def _hours(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def profile_picture(profile: Profile, width: int = 78, height: int = 12, ascii_only: bool = False) -> str:
+def profile_picture(profile: Profile, width: int = 78, height: int = 12) -> str:
     """Set point over nominal time as text of `width` columns, `height` rows and a time axis."""
     columns = max(width - 7, 16)
-    fine, tall = (1, 1) if ascii_only else (2, 4)
+    fine, tall = 2, 4  # dots of a Braille letter
     times = np.linspace(0.0, profile.duration_s, columns * fine)
     degc = profile.setpoint(times)
     corners = profile.corners()[1]
@@ -338,7 +338,7 @@ def profile_picture(profile: Profile, width: int = 78, height: int = 12, ascii_o
         marked = f"{label:6.0f}" if y in {0, height // 2, height - 1} else " " * 6
         block = dots[y * tall : (y + 1) * tall]
         cells = (block[:, x * fine : (x + 1) * fine] for x in range(columns))
-        lines.append(f"{marked} " + "".join(_cell(cell, ascii_only) for cell in cells).rstrip())
+        lines.append(f"{marked} " + "".join(_cell(cell) for cell in cells).rstrip())
     hours = profile.duration_s / 3600
     if cycles := [leg.nominal_start_s for leg in profile.legs() if leg.kind == "power_cycle"]:
         marks = {min(int(start / profile.duration_s * columns), columns - 1) for start in cycles}
@@ -347,10 +347,8 @@ def profile_picture(profile: Profile, width: int = 78, height: int = 12, ascii_o
     return "\n".join([*lines, axis])
 
 
-def _cell(dots: np.ndarray[tuple[int, int], np.dtype[np.bool_]], ascii_only: bool) -> str:
+def _cell(dots: np.ndarray[tuple[int, int], np.dtype[np.bool_]]) -> str:
     if not dots.any():
         return " "
-    if ascii_only:
-        return "*"
     weights = np.array([[1, 8], [2, 16], [4, 32], [64, 128]])
     return chr(0x2800 + int(np.sum(weights[dots])))

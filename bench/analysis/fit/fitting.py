@@ -180,17 +180,15 @@ def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
     *,
     covariance: CovarianceKind = "noise",
     weights: WeightsKind | NoiseWeights = "noise",
-    quantisation_limit_dph: float = np.inf,
     start: Mapping[str, float] | None = None,
     hold: bool = False,
 ) -> Fit:
     """Fit a model to runs of one unit; `rows` masks the rows to fit, effects still see the whole record.
 
     `weights` of an earlier fit to at least these rows are taken as they are; the `sandwich` assumes no noise, and its
-    estimate is count-weighted. `quantisation_limit_dph` refuses a temperature sensor whose steps cause a larger error
-    [deg/h]; `start` (the `theta` of an earlier fit) replaces the grid search, and with `hold` all search. Raises
-    InputError: a channel is missing or constant, too few rows, an interval without data, dependent columns, condition
-    above 1e12.
+    estimate is count-weighted. `start` (the `theta` of an earlier fit) replaces the grid search, and with `hold` all
+    search. Raises InputError: a channel is missing or constant, too few rows, an interval without data, dependent
+    columns, condition above 1e12.
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     refuse_corrected(records)
@@ -201,7 +199,7 @@ def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
         else:
             counted = _Solver(laid_out, nonlinear(laid_out, start, hold=hold))
             result = _fitted(counted, covariance, "count" if covariance == "sandwich" else weights)
-        steps = coarse_temperature(result.bound, result.beta, result.rms_dph, records, quantisation_limit_dph)
+        steps = coarse_temperature(result.bound, result.beta, result.rms_dph, records)
         stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
         return replace(result, warnings=(*steps, *stuck))
 

@@ -7,28 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from bench.analysis.fit.design import Bound
-from bench.base import FloatArray, InputError
+from bench.base import FloatArray
 from bench.record import Dataset
 
 _WORTH_SAYING = 0.1
 """Share of the fit's RMS above which the steps are worth a warning."""
 
 
-def coarse_temperature(
-    bound: Bound, beta: FloatArray, rms_dph: float, datasets: Sequence[Dataset], limit_dph: float
-) -> tuple[str, ...]:
-    """Warnings about coarse steps; InputError where their error, slope * step / sqrt(12), exceeds the limit [deg/h]."""
+def coarse_temperature(bound: Bound, beta: FloatArray, rms_dph: float, datasets: Sequence[Dataset]) -> tuple[str, ...]:
+    """Warnings about coarse steps: of their error, slope * step / sqrt(12)."""
     texts = []
     for dataset in datasets:
         step = dataset.temperature_step
         if step == 0.0:
             continue
         error = step_error_dph(bound, beta, dataset)
-        text = f"{dataset.name}: the temperature sensor has steps of {step:.3g} degC; they cause {error:.3g} deg/h RMS"
-        if error > limit_dph:
-            raise InputError(f"{text}, limit {limit_dph:.3g} deg/h: use a finer sensor, or frequency as thermometer")
         if error > _WORTH_SAYING * rms_dph:
-            texts.append(text)
+            texts.append(
+                f"{dataset.name}: the temperature sensor has steps of {step:.3g} degC; they cause {error:.3g} deg/h RMS"
+            )
     return tuple(texts)
 
 

@@ -6,7 +6,6 @@ De-normalised coefficients stand in the same order for NR^i T^j.
 Data: rate steps at fixed temperatures and temperature steps at fixed rates; at each rate the temperature is cut into
 bins of equal width, and each bin is the mean of all its samples and counts as one point: a long soak counts no more
 than a quick passage.
-Units: any; a gyro's in deg/s, an accelerometer's in m/s^2 (gravity along its axis), each axis by itself.
 Two ways to the same coefficients, which must agree: least squares by QR, and discrete orthogonal polynomials (G. E.
 Forsythe, J. SIAM 5 (1957) 74; two variables by repeated orthogonalisation of products).
 """
@@ -54,7 +53,6 @@ class RateSurface:
     raw: Scale
     temperature: Scale
     normalised: FloatArray
-    unit: str
     rms: float
     condition: float
     disagreement: float
@@ -89,10 +87,10 @@ def monomials(u: FloatArray, v: FloatArray, order: int) -> FloatArray:
     return np.column_stack([u**i * v**j for i, j in surface_powers(order)])
 
 
-def points_of(dataset: Dataset, bin_degc: float = BIN_DEGC, samples: int = SAMPLES) -> Points:
+def points_of(dataset: Dataset) -> Points:
     """Binned points of a run on a rate table, raw output and reference in deg/s. InputError where it has no table."""
     raw, reference = dataset.own_rate / DPH_PER_DPS, dataset.channel("applied_rate")
-    return binned(raw, dataset.channel("temperature"), reference, bin_degc, samples)
+    return binned(raw, dataset.channel("temperature"), reference)
 
 
 def binned(
@@ -111,10 +109,10 @@ def binned(
     return Points(means[0], means[1], means[2], left_out)
 
 
-def binned_record(record: Dataset, bin_degc: float = BIN_DEGC, samples: int = SAMPLES) -> Dataset:
+def binned_record(record: Dataset) -> Dataset:
     """The bins of a run as the rows of a record, in the order of their mean times: every bin counts the same."""
     temperature, applied = (record.channel(name) for name in ("temperature", "applied_rate"))
-    return means_of(record, bin_rows(record.own_rate, temperature, applied, bin_degc, samples)[0])
+    return means_of(record, bin_rows(record.own_rate, temperature, applied, BIN_DEGC, SAMPLES)[0])
 
 
 def means_of(record: Dataset, groups: Sequence[IntArray]) -> Dataset:
@@ -168,7 +166,7 @@ def _levels(reference: FloatArray) -> IntArray:
     return level
 
 
-def fit_surface(points: Points, order: int = 5, unit: str = "deg/s") -> RateSurface:
+def fit_surface(points: Points, order: int = 5) -> RateSurface:
     """Surface through the points, by both ways. InputError: too few points, rates or degC; the ways do not agree."""
     size = (order + 1) * (order + 2) // 2
     levels = int(_levels(points.reference).max()) + 1
@@ -195,7 +193,7 @@ def fit_surface(points: Points, order: int = 5, unit: str = "deg/s") -> RateSurf
             f"surface: least squares and orthogonal polynomials differ by {apart:.2g}, limit {AGREEMENT:g}"
         )
     rms = float(np.sqrt(np.mean(solution.residual**2)))
-    return RateSurface(order, raw, temperature, solution.beta, unit, rms, solution.condition, apart)
+    return RateSurface(order, raw, temperature, solution.beta, rms, solution.condition, apart)
 
 
 def orthogonal(u: FloatArray, v: FloatArray, y: FloatArray, order: int) -> FloatArray:

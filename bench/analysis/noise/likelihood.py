@@ -142,11 +142,6 @@ class NoiseLattice:
         return list(product(flicker, walk))
 
 
-def zeros(point: Point) -> tuple[bool, bool]:
-    """Which of flicker and walk are exactly zero at a point."""
-    return point[0] <= _ZERO, point[1] <= _ZERO
-
-
 def _moved(index: int, step: int) -> int:
     """One step along an axis whose lower neighbour is zero."""
     if index <= _ZERO:
@@ -174,14 +169,12 @@ class Surface:
         for point in new:
             self.known[point] = self.measure(point)
 
-    def descend(self, start: Point, zeros_held: bool = False, steps: Sequence[int] = STEPS) -> Point:
-        """The lowest point reached from a start with ever finer steps; ratios of zero may be held there."""
+    def descend(self, start: Point, steps: Sequence[int] = STEPS) -> Point:
+        """The lowest point reached from a start with ever finer steps."""
         best = start
         for step in steps:
             while True:
                 around = NoiseLattice.around(best, step)
-                if zeros_held:
-                    around = [p for p in around if zeros(p) == zeros(start)]
                 self.visit(around)
                 lowest = min(around, key=self.height)
                 if self.height(lowest) >= self.height(best):

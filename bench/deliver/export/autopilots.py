@@ -24,8 +24,6 @@ ORDER = 3
 """Of their polynomials."""
 ARDUPILOT_DEGC = 35.0
 _RADIANS = np.pi / 180.0 / 3600.0
-_MOST_APART_DEGC = 1.0
-"""Thermometers of one triad that differ by more are not one."""
 
 
 @dataclass(frozen=True, eq=False)

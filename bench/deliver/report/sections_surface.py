@@ -41,11 +41,8 @@ def surface(analysis: Analysis) -> Section | None:
     terms = zip(
         fitted_surface.powers, fitted_surface.normalised.tolist(), fitted_surface.coefficients.tolist(), strict=True
     )
-    rows = [
-        (f"C{k}", f"u^{i} v^{j}", f"{a:.9e}", f"{b:.9e}", _unit(fitted_surface, i, j))
-        for k, ((i, j), a, b) in enumerate(terms)
-    ]
-    head = ("", "term", f"normalised [{fitted_surface.unit}]", "de-normalised", "unit")
+    rows = [(f"C{k}", f"u^{i} v^{j}", f"{a:.9e}", f"{b:.9e}", _unit(i, j)) for k, ((i, j), a, b) in enumerate(terms)]
+    head = ("", "term", "normalised [deg/s]", "de-normalised", "unit")
     html = paragraph(words) + measured + fitted
     html += table("Rate(NR, T); u and v are NR and T mapped to -1 ... 1 over their ranges", head, rows, (2, 3))
     return Section("surface", "Rate surface", html)
@@ -123,9 +120,9 @@ def _scene(rate: str) -> dict[str, Any]:
     return {**axes, "aspectmode": "manual", "aspectratio": aspect, "camera": camera}
 
 
-def _unit(found: RateSurface, i: int, j: int) -> str:
+def _unit(i: int, j: int) -> str:
     """Unit of a de-normalised coefficient."""
     if i == 1 and j == 0:
         return "1"
-    powers = (f"({found.unit})^{1 - i}" if i else found.unit, f"°C^{-j}" if j else "")
+    powers = (f"(deg/s)^{1 - i}" if i else "deg/s", f"°C^{-j}" if j else "")
     return " ".join(filter(None, (powers[0] if i != 1 else "", powers[1])))

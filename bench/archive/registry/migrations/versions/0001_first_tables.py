@@ -108,23 +108,3 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["run"], ["runs.id"], name=op.f("fk_quantities_run_runs")),
         sa.PrimaryKeyConstraint("run", "name", name=op.f("pk_quantities")),
     )
-
-
-def downgrade() -> None:
-    """Change them back."""
-    op.drop_table("quantities")
-    op.drop_table("certificates")
-    with op.batch_alter_table("calibrations", schema=None) as batch_op:
-        batch_op.drop_index(batch_op.f("ix_calibrations_coefficients_sha256"))
-
-    op.drop_table("calibrations")
-    with op.batch_alter_table("runs", schema=None) as batch_op:
-        batch_op.drop_index(batch_op.f("ix_runs_unit"))
-        batch_op.drop_index(batch_op.f("ix_runs_created"))
-        batch_op.drop_index(batch_op.f("ix_runs_archive"))
-
-    op.drop_table("runs")
-    op.drop_table("units")
-    op.drop_table("operators")
-    op.drop_table("equipment")
-    op.drop_table("archives")

@@ -12,8 +12,3 @@ depends_on = None
 def upgrade() -> None:
     """Change the tables."""
     op.add_column("runs", sa.Column("seen", sa.Integer(), nullable=True))
-
-
-def downgrade() -> None:
-    """Change them back."""
-    op.drop_column("runs", "seen")

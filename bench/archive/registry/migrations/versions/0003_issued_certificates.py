@@ -32,9 +32,3 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["archive"], ["archives.id"], name=op.f("fk_withdrawals_archive_archives")),
         sa.PrimaryKeyConstraint("number", name=op.f("pk_withdrawals")),
     )
-
-
-def downgrade() -> None:
-    """Change them back."""
-    op.drop_table("withdrawals")
-    op.drop_table("issues")

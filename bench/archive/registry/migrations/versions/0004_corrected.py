@@ -12,8 +12,3 @@ depends_on = None
 def upgrade() -> None:
     """Change the tables."""
     op.add_column("runs", sa.Column("corrected", sa.Boolean(), nullable=True))
-
-
-def downgrade() -> None:
-    """Change them back."""
-    op.drop_column("runs", "corrected")

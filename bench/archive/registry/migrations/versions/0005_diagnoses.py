@@ -21,8 +21,3 @@ def upgrade() -> None:
         sa.ForeignKeyConstraint(["run"], ["runs.id"], name=op.f("fk_diagnoses_run_runs")),
         sa.PrimaryKeyConstraint("run", name=op.f("pk_diagnoses")),
     )
-
-
-def downgrade() -> None:
-    """Change them back."""
-    op.drop_table("diagnoses")
