@@ -1,8 +1,23 @@
-"""The campaign of pairs and coverage: what it counts."""
+"""Campaigns of weak ties, pairs and coverage: what they count, and that a cut campaign still has a section."""
+
+import json
 
 import pytest
 
-from benchmarks import pairs
+from benchmarks import pairs, weak_ties
+
+
+def test_a_tie_is_decided_only_if_the_hidden_family_alone_is_left(tmp_path):
+    case = weak_ties.Case("preisach", 0.7, 1)
+    found = {"tied": ["loop", "rate"], "decides": True, "proposed": ["loop"], "minor_loops": ["rate"],
+             "again": ["loop", "rate"], "repeated": []}  # fmt: skip
+    assert [weak_ties.decided(case, found, way) for way in weak_ties.WAYS] == [True, False, False, False]
+    rows = {row["way"]: row for row in weak_ties.table([(case, found), (case, {"tied": []})])}
+    assert (rows["proposed"]["n"], rows["proposed"]["decided"], rows["minor_loops"]["wrong"]) == (1, 1, 1)
+    out = tmp_path / "ties.jsonl"
+    assert weak_ties.section(out) == ""
+    out.write_text(json.dumps({"hidden": "preisach", "strength": 0.7, "number": 1, "found": found}) + '\n{"hid')
+    assert "| the proposed run | 1 | 100 % |" in weak_ties.section(out)
 
 
 def test_pairs_are_right_where_both_families_and_their_values_are(tmp_path):
