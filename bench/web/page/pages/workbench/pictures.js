@@ -5,6 +5,7 @@ import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
 import { caption, spoken, symbols } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
+import { Said } from "../../lib/told.js";
 
 const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
 const TABS = () => ({
@@ -53,7 +54,7 @@ export function Picture({ answer, name, title, running, waiting, onZoom, keep, r
       ${waiting && html`<p class="wb-veil" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.figure.waiting")}</p>`}
     </div>
     <figcaption>
-      <p class="wb-words">${failed ? html`<span class="wb-bad">${failed}</span>` : answer ? caption(answer) : ""}</p>
+      <p class="wb-words">${failed ? html`<span class="wb-bad"><${Said} text=${failed} /></span>` : answer ? caption(answer) : ""}</p>
       <p class="wb-tools">
         <button type="button" class="narrow" disabled=${none} onClick=${() => drawn.current.reset()}>${t("workbench.figure.reset")}</button>
         <button type="button" class="narrow" disabled=${none} onClick=${() => save("PNG")}>PNG</button>
@@ -168,9 +169,9 @@ export function Pictures({ session, picked }) {
       <${Tabs} kinds=${picked ? [...KINDS, "picked"] : KINDS} words=${words} kind=${shown} onKind=${(next) => next !== "picked" && act({ type: "view", view: { figure: next } })} />
       ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
-      ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
+      ${job.failed && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
       ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
-      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <span lang="en">${answer.note}</span></p>`}
+      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <${Said} text=${answer.note} /></p>`}
       <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range}
         name=${`${of} ${model.name} ${shown}`} />
     </div>
