@@ -250,3 +250,11 @@ def test_the_picture_fits_and_shows_the_extremes(width, height, ascii_only):
     assert lines[-2].split()[0] == "15"
     assert lines[-1].isascii()
     assert "\n".join(lines).isascii() == ascii_only
+
+
+@pytest.mark.parametrize("height", [5, 12])
+def test_a_constant_profile_is_a_line_in_the_middle_of_its_picture(height):
+    profile = load("name: flat\nstart: {temperature_degc: 23}\nsegments:\n  - {kind: soak, duration_min: 60}\n")
+    lines = preflight.profile_picture(profile, 60, height, True).splitlines()[:height]
+    assert [line.split()[0] for line in lines if line[:6].strip()] == ["24", "23", "22"]
+    assert [y for y, line in enumerate(lines) if "*" in line] == [height // 2]

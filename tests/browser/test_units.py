@@ -151,3 +151,12 @@ def test_the_pages_speak_other_languages(page, language):
     page.get_by_role("heading", name={"uk": "Вироби", "zh": "器件"}[language]).wait_for()
     page.goto(f"/units/{UNIT}")
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效校准"}[language]).first.wait_for()
+
+
+def test_every_tile_of_a_unit_names_the_run_that_it_is_of(page, folder):
+    runs = [run.name for run in (folder / UNIT).iterdir()]
+    page.goto(f"/units/{UNIT}")
+    tiles = page.locator(".st-tiles > *")
+    tiles.first.wait_for()
+    told = tiles.all_inner_texts()[:3]
+    assert [text for text in told if not any(run in text for run in runs)] == []
