@@ -241,7 +241,8 @@ def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> No
 def test_the_axis_of_a_profile_that_hardly_moves_has_at_least_two_numbers() -> None:
     curves = [[[0, low], [60, high]] for low, high in ((23, 23), (23, 24.5), (10, 40))]
     script = """
-    const grid = (curve) => [page.Curve({ curve, axes: true, label: "-" }).props.children].flat().find((one) => one?.props?.edge).props;
+    const parts = (curve) => [page.Curve({ curve, axes: true, label: "-" }).props.children].flat();
+    const grid = (curve) => parts(curve).find((one) => one?.props?.edge).props;
     console.log(JSON.stringify(given.map((curve) => grid(curve)).map(({ low, high }) => high - low)));
     """
     assert min(told("lib/curve.js", script, curves)) >= 10
