@@ -119,9 +119,6 @@ SAMPLES = [
 
 @pytest.mark.parametrize(("english", "spoken", "own"), SAMPLES)
 def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, own: str | None) -> None:
-    script = """
-    await page.ready();
-    console.log(JSON.stringify(page.told(...given)));
-    """
+    script = "console.log(JSON.stringify(page.told(...given)))"
     assert language.told(english, spoken) == own
     assert page_modules.told("lib/told.js", script, [english, spoken]) == own  # type: ignore[no-untyped-call]

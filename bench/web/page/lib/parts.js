@@ -1,7 +1,7 @@
 // Small components that several pages use.
 import { html, useEffect, useLayoutEffect, useRef } from "./preact.js";
 import { t } from "./words.js";
-import { Said } from "./told.js";
+import { Said } from "./said.js";
 
 /* Shapes that show a state without colour: circle, triangle, octagon, square, ring. */
 const SHAPES = {

@@ -1,14 +1,11 @@
-// What the bench says in English (findings, errors, events), in the reader's language. Its sentences are in told.json.
-import { html } from "./preact.js";
-import { store, useStore } from "./store.js";
-import { language, or } from "./words.js";
+// What the bench says in English (findings, errors, events), in another language. Fetched with its sentences when it is wanted.
+import all from "../../../base/words/told.json" with { type: "json" };
+import { or } from "./words.js";
 
 /** Where a text of several sentences is cut, what joins it in Chinese. */
 const JOINTS = [["; ", "；"], [". ", "。"], [": ", "："], [", ", "，"], [" and ", "和"], [" or ", "或"]];
 const AND = { " and ": " і ", " or ": " або " };
 const COLUMN = { uk: 0, zh: 1 };
-const sentences = store(/** @type {any[] | null} */ (null));
-let loading = /** @type {Promise<any> | null} */ (null);
 const seen = new Map();
 
 const escaped = (text) => text.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
@@ -22,14 +19,8 @@ function pattern(english) {
   return { regex: new RegExp(`^${source}$`), weight: parts.filter((_, i) => i % 2 === 0).join("").length };
 }
 
-async function load() {
-  const { default: all } = await import("../../../base/words/told.json", { with: { type: "json" } });
-  const made = Object.entries(all).map(([english, own]) => ({ ...pattern(english), own }));
-  sentences.set(made.sort((one, other) => other.weight - one.weight));
-}
-
-/** Fetch the sentences once; again where that failed. */
-export const ready = () => (loading ??= load().catch(() => (loading = null)));
+const sentences = Object.entries(all).map(([english, own]) => ({ ...pattern(english), own }));
+sentences.sort((one, other) => other.weight - one.weight);
 
 /** A number or a name with an underscore, as the language writes it; null for any other text. */
 function plain(text, spoken) {
@@ -44,7 +35,7 @@ function plain(text, spoken) {
 function found(text, spoken) {
   const own = plain(text, spoken);
   if (own !== null) return own;
-  for (const { regex, own: words } of sentences.get()) {
+  for (const { regex, own: words } of sentences) {
     const match = text.match(regex);
     if (match) return words[COLUMN[spoken]].replace(/\{(\w+)\}/g, (_, name) => tell(match.groups[name], spoken) ?? match.groups[name]);
   }
@@ -70,17 +61,5 @@ function tell(text, spoken) {
   return seen.get(key);
 }
 
-/** The text in a language; null where no sentence of it is known, or before the sentences are here. */
-export function told(text, spoken = language.get()) {
-  if (!(spoken in COLUMN) || !text) return null;
-  ready();
-  return sentences.get() && tell(text, spoken);
-}
-
-/** A text of the bench in the reader's language; marked as English where it stays so. */
-export function Said({ text }) {
-  useStore(sentences);
-  const spoken = useStore(language);
-  if (!text || spoken === "en") return text;
-  return told(text, spoken) ?? html`<span lang="en">${text}</span>`;
-}
+/** The text in a language; null where no sentence of it is known. */
+export const told = (text, spoken) => (spoken in COLUMN ? tell(text, spoken) : null);

@@ -6,7 +6,7 @@ import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { t } from "../lib/words.js";
 import { Going, useAct } from "./run.js";
-import { Said } from "../lib/told.js";
+import { Said } from "../lib/said.js";
 
 // Path of each field in the file; `!` must be filled in.
 const LABORATORY = [

@@ -10,7 +10,7 @@ import { planName } from "./live/words.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
 import { planTitle } from "./start/plan.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
-import { Said } from "../lib/told.js";
+import { Said } from "../lib/said.js";
 
 /** A job of the server that a button asks for: {result, error, busy}, `act(path, body)`, and `cancel()`. */
 export function useAct() {

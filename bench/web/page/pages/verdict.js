@@ -9,7 +9,7 @@ import { number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
-import { Said } from "../lib/told.js";
+import { Said } from "../lib/said.js";
 
 const LOOK_MS = 2000;
 

@@ -11,7 +11,7 @@ import { Temperatures } from "../live/charts.js";
 import { Headline, Segments, Troubles } from "../live/run.js";
 import { operatorOf, OperatorField } from "../start/operator.js";
 import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const LOOK_MS = 1000;
 const EMPTY = new Trace();

@@ -2,7 +2,7 @@
 import { html } from "../../lib/preact.js";
 import { Lamp, Shape } from "../../lib/parts.js";
 import { number, or, t } from "../../lib/words.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const TONES = { ok: "good", waiting: "warn", tripped: "bad" };
 const ORDER = Object.keys(TONES).reverse();

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "../../lib/preact.js";
 import { get, url } from "../../lib/api.js";
 import { duration, moment, number, or, t } from "../../lib/words.js";
 import { segmentText } from "./words.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const AGAIN_MS = 5000;
 

@@ -9,7 +9,7 @@ import { Output, Temperatures, unitTone } from "./charts.js";
 import { Guards, guardName } from "./guards.js";
 import { Log } from "./log.js";
 import { isOld, lateText, planName, segmentText, serials, stateWord, toneOf } from "./words.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const EMPTY = new Trace();
 

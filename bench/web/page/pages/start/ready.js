@@ -11,7 +11,7 @@ import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
 import { planTitle } from "./plan.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
 

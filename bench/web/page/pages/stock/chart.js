@@ -2,7 +2,7 @@
 import { html, useEffect, useLayoutEffect, useRef, useState } from "../../lib/preact.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { t } from "../../lib/words.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 /** Columns of the traces of a figure as rows for a CSV. */
 function rowsOf(figure) {

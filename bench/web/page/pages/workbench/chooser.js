@@ -1,6 +1,6 @@
 // Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
 import { html, t, or, api, moment, number, runName, useEffect, useRef, useState } from "./parts.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const ROW_PX = 52;
 const PAGE = 100;

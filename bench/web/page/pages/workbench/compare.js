@@ -4,7 +4,7 @@ import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const MOST_ROWS = 40;
 const PARTS = () => ({

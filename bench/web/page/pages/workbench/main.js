@@ -13,7 +13,7 @@ import { ask, companions, known, likelyRole, useJob, useSession } from "./sessio
 import { same } from "./state.js";
 import { Unknown } from "../../lib/parts.js";
 import { Suspects, pictureOf } from "./suspects.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 /** Body of an analysis of one model. */
 const analysisOf = (runs, model) => ({ ...runs, models: [model] });

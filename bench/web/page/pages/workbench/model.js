@@ -6,7 +6,7 @@ import { offered } from "./offered.js";
 import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
 import { fileName, save as offer } from "../../lib/download.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 /** Options of the effects by name, with their defaults, fetched once. */
 function useOptions() {

@@ -1,7 +1,7 @@
 // Notes about the run, and saved views of the workbench; both stay with the run.
 import { html, t, api, moment, useEffect, useState } from "./parts.js";
 import { may } from "../../lib/store.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 /** A field with its button; `keep(text)` is awaited, then the field is empty. */
 function Field({ id, label, button, most, area = false, keep }) {

@@ -5,7 +5,7 @@ import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
 import { caption, spoken, symbols } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
 const TABS = () => ({

@@ -3,7 +3,7 @@ import { html, or, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { symbols } from "./spoken.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const SHOWN = 4;
 const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad", undecided: "warn" };

@@ -1,7 +1,7 @@
 // A user-defined term: an expression, checked while it is typed, added like any other effect.
 import { html, t, api, useEffect, useState } from "./parts.js";
 import { numberOf } from "./typed.js";
-import { Said } from "../../lib/told.js";
+import { Said } from "../../lib/said.js";
 
 const PAUSE_MS = 250;
 
