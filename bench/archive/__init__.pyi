@@ -25,6 +25,7 @@ from .fleet.diagnosing import FleetDiagnosis as FleetDiagnosis
 from .fleet.diagnosing import by_lot as by_lot
 from .fleet.diagnosing import diagnose_fleet as diagnose_fleet
 from .fleet.diagnosing import in_common as in_common
+from .fleet.diagnosing import known_lacks as known_lacks
 from .fleet.engines import Engine as Engine
 from .fleet.engines import dask_engine as dask_engine
 from .fleet.engines import local_engine as local_engine

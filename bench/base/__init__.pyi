@@ -30,6 +30,7 @@ from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
 from .errors import RunAborted as RunAborted
 from .ids import is_run_id as is_run_id
+from .language import in_own as in_own
 from .language import say as say
 from .language import verdict_word as verdict_word
 from .processes import OPERATOR as OPERATOR

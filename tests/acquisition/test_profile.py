@@ -248,3 +248,11 @@ def test_the_picture_fits_and_shows_the_extremes(width, height):
     assert lines[0].split()[0] == "55"
     assert lines[-2].split()[0] == "15"
     assert lines[-1].isascii()
+
+
+@pytest.mark.parametrize("height", [5, 12])
+def test_a_constant_profile_is_a_line_in_the_middle_of_its_picture(height):
+    profile = load("name: flat\nstart: {temperature_degc: 23}\nsegments:\n  - {kind: soak, duration_min: 60}\n")
+    lines = preflight.profile_picture(profile, 60, height).splitlines()[:height]
+    assert [line.split()[0] for line in lines if line[:6].strip()] == ["24", "23", "22"]
+    assert [y for y, line in enumerate(lines) if any(0x2800 < ord(sign) < 0x2900 for sign in line)] == [height // 2]

@@ -336,3 +336,47 @@ def test_four_units_stand_side_by_side(bench, visitors):
     page.get_by_role("button", name="Abort …").first.click()
     page.get_by_role("button", name="Abort the run").click()
     page.wait_for_url("**/verdict/**")
+
+
+def test_an_abort_is_not_offered_any_more_when_the_pin_has_expired(tmp_path, project, visitors):
+    access = tmp_path / "access.yaml"
+    viewer, engineer = people.add_person(access, "screen", "viewer"), people.add_person(access, "lead", "engineer")
+    pin = people.add_pin(access, "Olena", "operator")
+    with bench_over(tmp_path / "out", project, "--access", str(access), token=engineer) as bench:
+        run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+        page = visitors.come(bench.site.address)
+        page.clock.install()
+        page.goto(f"/live/{run}")
+        page.get_by_label("Token").fill(viewer)
+        page.keyboard.press("Enter")
+        page.get_by_role("button", name="Operator").click()
+        page.get_by_label("PIN or badge").fill(pin)
+        page.keyboard.press("Enter")
+        page.get_by_role("button", name="Leave the screen").wait_for()
+        page.goto(f"/live/{run}")
+        page.get_by_role("button", name="Abort …").click()
+        page.get_by_role("button", name="Keep running").wait_for()
+        left = page.request.get(f"{bench.site.address}/api/v1/session").json()["pin_s"]
+        cookie = next(one["name"] for one in page.context.cookies() if one["name"].endswith("-pin"))
+        page.context.clear_cookies(name=cookie)  # the server forgets it then, too
+        page.clock.fast_forward(1000 * (left + 2))
+        for name in ("Abort …", "Abort the run"):
+            page.get_by_role("button", name=name).wait_for(state="detached")
+        page.get_by_role("button", name="Operator").wait_for()
+        page.context.close()
+
+
+def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(bench, visitors):
+    page = visitors.come(bench.site.address)
+    units = [{"unit": f"U-{n}", "run": f"U-{n}/run", "verdict": None, "sentence": "", "limits": None, "analysed": False}
+             for n in range(4)]  # fmt: skip
+    units[2] |= {"verdict": "adequate", "limits": "PASS", "analysed": True}
+    end = {"state": "done", "cause": "", "analysing": True, "units": units, "verdict": None, "safe": True,
+           "safe_state": [], "requests": []}  # fmt: skip
+    run = {"run": "U-0/run", "runs": [one["run"] for one in units], "condition": "ended", "profile": "short",
+           "station": "s", "ended": end}  # fmt: skip
+    page.route("**/api/v1/live/U-0/run", lambda route: route.fulfill(json=run))
+    page.goto("/verdict/U-0/run")
+    page.locator(".verdict-units li").nth(3).wait_for()
+    told = page.locator(".verdict-units strong").all_inner_texts()
+    assert [text.upper() for text in told] == ["MEASURED", "MEASURED", "PASS", "MEASURED"]

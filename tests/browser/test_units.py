@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from bench.commands import registry_rebuild
+from bench.record import DiagnosisRecord
 from tests.support.fleet_runs import line
 from tests.support.servers import serving
 from tests.support.unit_history import PDF, UNIT, unit_with_history
+from tests.support.visiting import picture
 
 
 def fleet(out):
@@ -151,3 +153,36 @@ def test_the_pages_speak_other_languages(page, language):
     page.get_by_role("heading", name={"uk": "Вироби", "zh": "器件"}[language]).wait_for()
     page.goto(f"/units/{UNIT}")
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效校准"}[language]).first.wait_for()
+
+
+def test_every_tile_of_a_unit_names_the_run_that_it_is_of(page, folder):
+    runs = [run.name for run in (folder / UNIT).iterdir()]
+    page.goto(f"/units/{UNIT}")
+    tiles = page.locator(".st-tiles > *")
+    tiles.first.wait_for()
+    told = tiles.all_inner_texts()[:3]
+    assert [text for text in told if not any(run in text for run in runs)] == []
+
+
+def test_the_fleet_page_shows_what_models_lack_by_lot(tmp_path, visitors):
+    out = fleet(tmp_path)
+    for run in sorted(out.glob("L0-*/*"))[:5]:
+        suspects = [{"effect": "thermal_lag", "found": True, "proved": True}]
+        content = {
+            "format": 1,
+            "verdict": "missing_effect",
+            "model": "spline",
+            "runs": [run.name],
+            "suspects": suspects,
+        }
+        DiagnosisRecord.model_validate(content).write(run)
+    registry_rebuild(out, None, False)
+    with serving(out) as address:
+        page = visitors.come(address, size={"width": 1366, "height": 768})
+        page.goto("/fleet?q=L0")
+        table = page.get_by_role("region", name="What models lack, by lot").last
+        table.wait_for()
+        assert table.get_by_role("row", name="Thermal lag").locator("td").first.inner_text() == "5"
+        table.scroll_into_view_if_needed()
+        picture(page, "fleet-lacks")
+        page.context.close()

@@ -235,3 +235,27 @@ def test_two_runs_are_compared(page):
     page.locator("[role=option]", has_text="check_minor_loops").click()
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
+
+
+POINT = """() => {
+  const plot = document.querySelector('.wb-plot'), box = plot.getBoundingClientRect();
+  const { xaxis, yaxis } = plot._fullLayout;
+  const upper = plot._fullData.filter((trace) => (trace.yaxis ?? 'y') === 'y' && trace.hoverinfo !== 'skip');
+  const { x, y } = upper.find((trace) => trace.x.length > 100);
+  const middle = Math.floor(x.length / 2);
+  return [box.x + xaxis._offset + xaxis.d2p(x[middle]), box.y + yaxis._offset + yaxis.d2p(y[middle])];
+}"""
+
+
+def test_what_the_mouse_points_at_in_one_figure_is_marked_in_the_others(page):
+    choose(page)
+    plot = page.locator(".wb-plot .main-svg").first
+    plot.wait_for()
+    at = page.evaluate(POINT)
+    page.mouse.move(at[0] - 3, at[1])
+    page.mouse.move(*at)
+    page.locator(".wb-plot .hoverlayer .hovertext").first.wait_for()
+    page.get_by_role("tab", name="Over temperature").click()
+    page.get_by_text("The dotted line is the moment").wait_for()
+    page.locator('.wb-plot .shapelayer path[style*="dasharray"]').first.wait_for(state="attached")
+    picture(page, "workbench-moment")

@@ -18,7 +18,7 @@ from bench.commands.calibration.junit import junit
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import JOB_MARK
-from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError
+from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError, check_order
 from bench.record import DiagnosisRecord
 from tests.support.commands import bench
 
@@ -214,11 +214,13 @@ def test_a_refusal_is_a_case_of_its_own():
     assert (case.failure, case.text) == ("INVALID", "two branches are not covered")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted((PROFILES / "plans").glob("*.yaml")), ids=lambda path: path.stem)
-def test_the_shipped_plans_are_whole(path, tmp_path):
-    station = PROFILES / "stations" / "rate_table.yaml" if path.stem == "rate_table" else None
-    order = Order.load(path, station, "SIM-0001", tmp_path)
-    order.refuse_same()
+def test_the_shipped_plans_can_be_carried_out_on_the_shipped_stations(path, tmp_path):
+    name = path.stem if path.stem in {"rate_table", "imu"} else "simulated"
+    unit = {"rate_table": "SIM-0002", "imu": "IMU-0001"}.get(path.stem, "SIM-0001")
+    order = Order.load(path, PROFILES / "stations" / f"{name}.yaml", unit, tmp_path)
+    check_order(order)  # a plan that cannot be carried out on its station is refused
     assert set(STEP_NAMES) == {step.name for step in STEPS}
 
 

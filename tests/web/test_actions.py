@@ -5,8 +5,12 @@ import shutil
 
 import pytest
 
+from bench.base import library
+from bench.deliver import IMU_FORMATS, MEASURED
 from bench.web.ground.settings import Settings
 from tests.commands.test_live import until
+from tests.deliver.test_imu_certificate import verification
+from tests.support.imu_units import imu_record
 from tests.support.report_runs import quick
 from tests.support.run_folders import make_run, ramp_run
 from tests.support.web_client import served
@@ -66,6 +70,31 @@ def test_a_certificate_is_refused_by_a_sentence_and_a_draft_is_printed(bench):
     assert (draft["draft"], draft["file"]) == (True, "draft.pdf")
     assert client.get(f"{run}/certificate").status_code == 404
     assert client.get(f"{run}/certificate?draft=true").content.startswith(b"%PDF-")
+
+
+def test_a_whole_inertial_unit_is_exported_and_certified_by_its_run(tmp_path):
+    folder = make_run(tmp_path / "out" / "SIM-IMU-0042" / "20261121T060000Z_imu_quick", **ramp_run())
+    whole = folder.with_name(f"{folder.name}_imu")
+    whole.mkdir()
+    imu_record().write(whole)
+    verification().write(whole)
+    for kind, name in (("laboratory", "simulated"), ("equipment", "simulated_rate_table")):
+        shutil.copy(library() / kind / f"{name}.yaml", whole / f"{kind}.yaml")
+    with served(Settings(tmp_path / "out", project=tmp_path)) as client:
+        run = f"/api/v1/runs/SIM-IMU-0042/{folder.name}"
+        formats = client.get(f"{run}/exports").json()["formats"]
+        assert set(formats) == {*IMU_FORMATS, *MEASURED}
+        files = done(client, f"{run}/exports", format="json")["files"]
+        assert client.get(f"{run}/exports").json()["files"] == files
+        assert client.get(f"{run}/exports/{files[0]}").content == (whole / "export" / files[0]).read_bytes()
+        assert not (folder / "export").exists()
+        issued = done(client, f"{run}/certificate")
+        assert (issued["verdict"], issued["draft"]) == ("PASS", False)
+        told = client.get(run).json()
+        assert (told["certificate"], told["steps"]) == (
+            True, {"calibrated": True, "flashed": False, "verified": True, "certified": True},
+        )  # fmt: skip
+        assert client.get(f"{run}/certificate").content.startswith(b"%PDF-")
 
 
 def test_doctor_tells_what_the_station_says(bench):

@@ -26,6 +26,7 @@ LOCK = json.loads((ROOT / "package-lock.json").read_text(encoding="utf-8"))
 def source(tmp_path: Path) -> Path:
     """A source folder as git has it: nothing built, nothing fetched."""
     shutil.copytree(ROOT / "bench" / "web" / "page", tmp_path / "bench" / "web" / "page")
+    shutil.copytree(ROOT / "bench" / "base" / "words", tmp_path / "bench" / "base" / "words")
     for name in INPUTS:
         shutil.copy(ROOT / name, tmp_path)
     return tmp_path

@@ -11,6 +11,7 @@ from bench.archive import runs
 from bench.archive.fleet import figures
 from bench.archive.fleet.board import harmless
 from bench.commands.registering import register
+from bench.record import DiagnosisRecord
 from bench.web.ground.settings import Settings
 from bench.web.shelf import stock
 from tests.support.fleet_runs import LIMITS, line, station
@@ -219,3 +220,29 @@ def test_a_figure_has_the_newest_units_and_the_limits_of_all(client, monkeypatch
     assert part["histogram"] == whole["histogram"]
     assert part["figure"]["data"][0]["y"] == whole["figure"]["data"][0]["y"][-10:]
     assert len(client.get(f"{API}/fleet/charts/distances").json()["units"]) == 10
+
+
+def test_what_units_lack_is_told_by_lot_of_the_model_that_most_were_diagnosed_with(tmp_path):
+    for lot, number, model, lacks in (
+        *(("A", i, "spline", ["thermal_lag"]) for i in range(9)),
+        *(("B", i, "spline", ["hysteresis"] if i < 2 else []) for i in range(30)),
+        ("B", 40, "polynomial", ["creep"]),
+    ):
+        folder = station(tmp_path, f"{lot}-{number}", "S", number / 10, residual=0.1)
+        suspects = [{"effect": name, "found": True, "proved": True} for name in lacks]
+        word = "missing_effect" if lacks else "adequate"
+        DiagnosisRecord.model_validate(
+            {"format": 1, "verdict": word, "model": model, "runs": [folder.name], "suspects": suspects}
+        ).write(folder)
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        assert client.get(f"{API}/fleet/lacks").json()["units"] == 0
+        client.post(f"{API}/registry", json={}).raise_for_status()
+        told = client.get(f"{API}/fleet/lacks").json()
+        assert (told["model"], told["models"], told["units"]) == ("spline", {"spline": 39, "polynomial": 1}, 39)
+        assert told["lots"] == [
+            {"lot": "A", "units": 9, "verdicts": {"missing_effect": 9}, "lacks": {"thermal_lag": 9}},
+            {"lot": "B", "units": 30, "verdicts": {"missing_effect": 2, "adequate": 28}, "lacks": {"hysteresis": 2}},
+        ]
+        assert [(one["lot"], one["effect"]) for one in told["in_common"]] == [("A", "thermal_lag")]
+        other = client.get(f"{API}/fleet/lacks", params={"model": "polynomial"}).json()
+        assert other["lots"][0]["lacks"] == {"creep": 1}

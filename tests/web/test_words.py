@@ -236,3 +236,13 @@ def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> No
     names = {standing.guard.name for standing in load_station(None).standing_guards()}
     assert len(names) > 5
     assert [name for name in names if f"guard.{name}" not in catalogue("en")] == []
+
+
+def test_the_axis_of_a_profile_that_hardly_moves_has_at_least_two_numbers() -> None:
+    curves = [[[0, low], [60, high]] for low, high in ((23, 23), (23, 24.5), (10, 40))]
+    script = """
+    const parts = (curve) => [page.Curve({ curve, axes: true, label: "-" }).props.children].flat();
+    const grid = (curve) => parts(curve).find((one) => one?.props?.edge).props;
+    console.log(JSON.stringify(given.map((curve) => grid(curve)).map(({ low, high }) => high - low)));
+    """
+    assert min(told("lib/curve.js", script, curves)) >= 10

@@ -537,3 +537,18 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     for sentence in (text for case in chinese for text in case):
         assert re.search("[\u4e00-\u9fff]", sentence)
         assert not re.search(rf"[{{}}]|undefined|{LATIN}", sentence.replace("RMS", "")), sentence
+
+
+def test_a_moment_of_one_figure_is_found_in_the_others() -> None:
+    head = ["time [s]", "temperature [degC]", "bias [deg/h]", "model [deg/h]"]
+    rows = [[60.0 * i, 20.0 + (i if i < 50 else 100 - i), 1.0 + 0.1 * (i >= 50), 1.0] for i in range(100)]
+    script = """
+    const csv = given;
+    console.log(JSON.stringify([
+      page.momentOf("time", csv, { x: 1.5, y: 0 }), page.momentOf("temperature", csv, { x: 30, y: 1.1 }),
+      page.momentOf("temperature", csv, { x: 30, y: 1.0 }), page.placeOf("temperature", csv, 5400),
+      page.placeOf("time", csv, 5400), page.placeOf("loop", csv, 1e6), page.placeOf("allan", null, 5400),
+    ]));
+    """
+    found = told("pages/workbench/moment.js", script, [head, *rows])
+    assert found == [5400, 5400, 600, 30, 1.5, None, None]

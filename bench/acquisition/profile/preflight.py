@@ -326,7 +326,9 @@ def profile_picture(profile: Profile, width: int = 78, height: int = 12) -> str:
     degc = profile.setpoint(times)
     corners = profile.corners()[1]
     low, high = float(corners.min()), float(corners.max())
-    span = high - low or 1.0
+    if low == high:
+        low, high = low - 1.0, high + 1.0
+    span = high - low
     rows = np.rint((high - degc) / span * (height * tall - 1)).astype(int)
     dots = np.zeros((height * tall, columns * fine), dtype=bool)
     for x, row in enumerate(rows):

@@ -18,7 +18,7 @@ import scipy
 from bench.analysis import NEXT_PROFILE, Model, diagnosed, noise_floor, one_blas_thread, set_aside
 from bench.archive.fleet.drift import SIGNIFICANT
 from bench.archive.fleet.engines import Engine, Work
-from bench.archive.fleet.selection import Selection
+from bench.archive.fleet.selection import Row, Selection
 from bench.archive.fleet.units import lot_of
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import Ledger
@@ -118,12 +118,35 @@ def diagnose_fleet(
                 _register(registry, ledger, written)
     finally:
         _register(registry, ledger, written)
-    for run in runs(registry, archive=ledger.id):
-        here = folders.get(run["unit"]) == str(ledger.root / run["path"])
-        if here and run["diagnosed_model"] == model.name:
-            lacks = tuple(filter(None, run["lacks"].split(",")))
-            done.told.append(Told(run["unit"], lot_of(run["unit"], run["lot"]), run["diagnosis"], lacks))
+    done.told = known_lacks(registry, selection, model.name, archive=ledger.id).told
     return done
+
+
+@dataclass(frozen=True)
+class KnownLacks:
+    """What is known of the fleet by a model: of these units; `models`: how many units each model was diagnosed on."""
+
+    model: str
+    models: dict[str, int]
+    told: list[Told]
+
+
+def known_lacks(
+    registry: Registry, selection: Selection | None = None, model: str | None = None, archive: str | None = None
+) -> KnownLacks:
+    """The diagnoses of the newest selected run of each unit, of `model`, or of the one that most units have."""
+    chosen, _ = (selection or Selection()).of(runs(registry, archive=archive))
+    newest: dict[str, Row] = {}
+    for run in chosen:
+        newest.setdefault(run["unit"], run)
+    models = Counter(run["diagnosed_model"] for run in newest.values() if run["diagnosed_model"])
+    model = model or next((name for name, _ in models.most_common(1)), "")
+    told = [
+        Told(unit, lot_of(unit, run["lot"]), run["diagnosis"], tuple(filter(None, run["lacks"].split(","))))
+        for unit, run in newest.items()
+        if model and run["diagnosed_model"] == model
+    ]
+    return KnownLacks(model, dict(models), told)
 
 
 def _work(model: Model, ledger: Ledger) -> Work[tuple[str, ...], Answer]:

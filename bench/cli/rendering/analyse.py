@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.base import ends, finite, say, verdict_word
+from bench.base import ends, finite, in_own, say, verdict_word
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
 from bench.cli.rendering.printing import bound, content, lines, number, table, unit_text
@@ -92,7 +92,7 @@ def _(result: ComparedSamples) -> dict[str, Any]:
 @lines.register(Reported)
 def _(result: Reported) -> Iterator[str | Table]:
     analysis = result.analysis
-    yield analysis.verdict.sentence
+    yield in_own(analysis.verdict.sentence)
     if analysis.comparison is not None:
         yield ""
         yield _compared(analysis.comparison)
@@ -164,7 +164,7 @@ def _(result: UnitsReported) -> Iterator[str]:
     for unit in result.units:
         known = content(unit.result)
         word = f"{known['limits']['verdict']}, " if known.get("limits") else ""
-        yield f"{unit.name:<{width}}  {word}{known['verdict']}: {known['sentence']}"
+        yield f"{unit.name:<{width}}  {word}{known['verdict']}: {in_own(known['sentence'])}"
         yield f"{'':<{width}}  {known.get('report') or known['run']}"
     yield from (f"bench: {text}" for text in sorted({str(unit.error) for unit in result.units if unit.error}))
 

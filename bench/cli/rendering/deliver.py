@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from bench.analysis import State
-from bench.base import say, verdict_word
+from bench.base import in_own, say, verdict_word
 from bench.cli.rendering.printing import content, lines, number, table, unit_text
 from bench.commands import (
     Calibrated,
@@ -206,7 +206,7 @@ def _(result: Verified) -> dict[str, Any]:
 def _(result: Calibrated) -> Iterator[str | Table]:
     job = result.job
     known = job.content
-    named = {name: known[name] for name in ("unit", "plan", "sentence")}
+    named = {"unit": known["unit"], "plan": known["plan"], "sentence": in_own(known["sentence"])}
     yield say("job.head", verdict=verdict_word(known["verdict"] or "NOT DONE"), **named)
     yield ""
     steps = {name: job.step(name) for name in result.steps}

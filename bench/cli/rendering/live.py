@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from bench.base import clock, say
+from bench.base import clock, in_own, say
 from bench.cli.rendering.printing import content, lines
 from bench.commands import REACHED, Aborted, Asked, LiveRuns, Recovered
 
@@ -90,7 +90,7 @@ def live_run(run: Mapping[str, Any]) -> Iterator[str]:
         yield say("live.time", time=clock(run["t_s"]), left=clock(run["left_s"]))
         yield say("live.chamber", now=_two(chamber["temperature_degc"]), set=_two(chamber["setpoint_degc"]))
         for unit in run["units"]:
-            dropped = say("live.dropped", reason=unit["dropped"]) if unit["dropped"] else ""
+            dropped = say("live.dropped", reason=in_own(unit["dropped"])) if unit["dropped"] else ""
             degc, losses = _two(unit["temperature_degc"]), unit["losses"]
             known = {"serial": unit["serial"], "received": losses["received"], "lost": losses["lost"]}
             yield say("live.unit", degc=degc, dropped=dropped, **known)
@@ -98,7 +98,7 @@ def live_run(run: Mapping[str, Any]) -> Iterator[str]:
             late = {"behind": f"{bus['behind_s']:.2f}", "most": f"{bus['most_behind_s']:.2f}"}
             yield say("live.bus", bus=bus["bus"], state=bus["state"], frames=bus["frames"], **late)
         yield from (_fits(serial, fit) for serial, fit in run.get("fits", {}).items())
-        yield from (say("live.hold", cause=cause) for cause in run["holding"])
+        yield from (say("live.hold", cause=in_own(cause)) for cause in run["holding"])
     if run.get("age_s", 0.0) > ANSWER_S:
         yield say("live.stuck", age=f"{run['age_s']:.0f}")
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from bench.base import in_own
 from bench.cli.rendering.printing import content, lines, table
 from bench.commands import Checked, ContractTried, Copied, Examined, NoticesTried, Proposed, StationServed
 
@@ -32,7 +33,7 @@ def _(result: Checked) -> Iterator[str | Table]:
     yield table((">begins", "segment", ">takes"), took)
     yield ""
     yield f"units: {', '.join(unit.serial for unit in station.units)}"
-    yield from map(str, result.findings)
+    yield from (f"{one.where}{one.level}: {in_own(one.text)}" for one in result.findings)
     yield from (f"warning: {segment.name} would fail: {segment.reason}" for segment in result.late)
 
 

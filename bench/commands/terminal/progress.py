@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from bench.acquisition import time_left
-from bench.base import clock, say
+from bench.base import clock, in_own, say
 
 if TYPE_CHECKING:
     from bench.acquisition import Profile, Station, Status
@@ -79,7 +79,7 @@ class Progress:
             chamber=f"{status.reading.temperature:.1f}", units=_units_text(station, status),
             received=losses["received"], lost=losses["lost"], left=clock(self.left_s(status)),
         )  # fmt: skip
-        return line + (say("progress.held", who=", ".join(status.holding)) if status.holding else "")
+        return line + (say("progress.held", who=", ".join(map(in_own, status.holding))) if status.holding else "")
 
     def _table(self, station: Station, status: Status) -> Table:
         losses = station.losses()
@@ -99,7 +99,7 @@ class Progress:
         counts = {name: losses[name] for name in ("received", "lost", "corrupt")}
         grid.add_row(say("progress.frames"), say("progress.frames_now", rate=rate, speed=speed, **counts))
         if status.holding:
-            grid.add_row(say("progress.hold"), ", ".join(status.holding))
+            grid.add_row(say("progress.hold"), ", ".join(map(in_own, status.holding)))
         if notice := self._notice():
             grid.add_row(say("progress.keys"), notice)
         return grid
@@ -130,5 +130,5 @@ def _unit_rows(station: Station, status: Status) -> Iterator[tuple[str, str]]:
         text = say("progress.unit_frames", degc=degc, received=losses.received, lost=losses.lost)
         yield (
             unit.serial,
-            say("progress.unit_left", reason=reasons[unit.serial]) if unit.serial in reasons else text,
+            say("progress.unit_left", reason=in_own(reasons[unit.serial])) if unit.serial in reasons else text,
         )

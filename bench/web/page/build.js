@@ -15,7 +15,9 @@ const STAMP = path.join(STATIC, "sources.sha256");
 
 const lock = path.join(ROOT, "package-lock.json");
 const files = readdirSync(PAGE, { recursive: true, withFileTypes: true }).filter((entry) => entry.isFile());
-const sources = files.map((entry) => path.join(entry.parentPath, entry.name)).sort();
+/** Sentences that the command line knows, too. */
+const SAID = path.join(ROOT, "bench/base/words/told.json");
+const sources = [...files.map((entry) => path.join(entry.parentPath, entry.name)), SAID].sort();
 
 /** Changes with every file that the page is built from. */
 function fingerprint() {

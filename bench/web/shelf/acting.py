@@ -15,14 +15,15 @@ from bench.commands import (
     PAPERS,
     CertificateOptions,
     doctor,
+    imu_certificate,
     load_station,
     own_paper,
     replay_runs,
 )
 from bench.commands import certificate as certify
 from bench.commands import export as deliver
-from bench.deliver import ExportOptions
-from bench.web.shelf.steps import verifications_of
+from bench.deliver import MEASURED, ExportOptions
+from bench.web.shelf.steps import verifications_of, whole_of
 from drivers.errors import DriverError
 
 LISTEN_S = 2.0
@@ -32,9 +33,10 @@ T = TypeVar("T")
 
 
 def exported(wanted: Mapping[str, Any]) -> dict[str, Any]:
-    """`bench export` into the run's own `export` folder: names of the files."""
+    """`bench export` of a run, or of the whole inertial unit that it calibrated: names of the files."""
     folder = Path(wanted["path"])
-    made = _told(wanted, lambda: deliver(folder, wanted["format"], ExportOptions(), None))
+    source = folder if wanted["format"] in MEASURED else whole_of(folder)
+    made = _told(wanted, lambda: deliver(source, wanted["format"], ExportOptions(), None))
     return {"format": wanted["format"], "files": [path.name for path in made.files]}
 
 
@@ -50,10 +52,13 @@ def certified(wanted: Mapping[str, Any]) -> dict[str, Any]:
     Papers that the run folder lacks are those that were filled in for its station since.
     """
     folder, draft = Path(wanted["path"]), bool(wanted["draft"])
-    laboratory, equipment = (_paper(kind, wanted) for kind in PAPERS)
-    evidence = tuple(reversed(verifications_of(folder)))  # the newest states the figures
+    whole = whole_of(folder)
+    laboratory, equipment = (_paper(kind, wanted, whole) for kind in PAPERS)
+    # The newest states the figures; the verification of a whole unit stands in its folder.
+    evidence = () if whole != folder else tuple(reversed(verifications_of(folder)))
     options = CertificateOptions(evidence, laboratory=laboratory, equipment=equipment, draft=draft)
-    made = _told(wanted, lambda: certify(folder, options, None))
+    issue = certify if whole == folder else imu_certificate
+    made = _told(wanted, lambda: issue(whole, options, None))
     number, verdict = (made.facts.get(key) for key in ("number", "verdict"))
     return {"number": number, "verdict": verdict, "draft": draft, "file": made.pdf.name}
 
@@ -68,10 +73,14 @@ def examined(wanted: Mapping[str, Any]) -> dict[str, Any]:
     return {"station": found.examination.station, "agrees": not found.exit_code, "findings": findings}
 
 
-def _paper(kind: str, wanted: Mapping[str, Any]) -> Path | None:
-    """The user's own file of the run's station, where the run folder has none."""
+def _paper(kind: str, wanted: Mapping[str, Any], whole: Path) -> Path | None:
+    """The run's own file beside the folder of a whole unit, or the user's of its station, where the folder has none."""
     folder = Path(wanted["path"])
-    if (folder / f"{kind}.yaml").is_file() or not (folder / STATION_FILE).is_file():
+    if (whole / f"{kind}.yaml").is_file():
+        return None
+    if (folder / f"{kind}.yaml").is_file():
+        return folder / f"{kind}.yaml"
+    if not (folder / STATION_FILE).is_file():
         return None
     own = own_paper(kind, load_station(folder / STATION_FILE), Path(wanted["profiles"]))
     return own if own.is_file() else None

@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from bench.commands import seated, station_file, station_of
-from bench.deliver import FORMATS, MEASURED
+from bench.deliver import FORMATS, IMU_FORMATS, MEASURED
 from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.jobs.lanes import Lane
@@ -24,6 +24,7 @@ from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Name
 from bench.web.shelf.indexing import index_of, resolved
+from bench.web.shelf.steps import whole_of
 
 router = APIRouter(tags=["acting"])
 Id = Annotated[str, Part(min_length=1, max_length=200)]
@@ -68,10 +69,17 @@ class Verification(Writing):
 
 @router.get("/runs/{unit}/{run}/exports")
 def exports(request: Request, unit: Id, run: Id) -> Exports:
-    """Formats of a run, and the files in its `export` folder."""
-    made = index_of(request).folder(unit, run) / "export"
-    files = [path.name for path in made.iterdir() if path.is_file()] if made.is_dir() else []
-    return Exports(formats=[*FORMATS, *MEASURED], files=sorted(files))
+    """Formats of a run, or of the whole inertial unit that was calibrated by it, and the files that were exported."""
+    folder = index_of(request).folder(unit, run)
+    formats = FORMATS if whole_of(folder) == folder else IMU_FORMATS
+    return Exports(formats=[*formats, *MEASURED], files=sorted(_exported(folder)))
+
+
+def _exported(folder: Path) -> dict[str, Path]:
+    """Files of the `export` folders of a run and of its whole unit, by name."""
+    made = [path / "export" for path in dict.fromkeys((folder, whole_of(folder)))]
+    files = [path for place in made if place.is_dir() for path in place.iterdir()]
+    return {path.name: path for path in files if path.is_file() and not path.is_symlink()}
 
 
 @router.post("/runs/{unit}/{run}/exports", status_code=202)
@@ -83,10 +91,9 @@ def export(request: Request, unit: Id, run: Id, wanted: Export, who: Engineer) -
 @router.get("/runs/{unit}/{run}/exports/{name}", response_class=FileResponse,
             responses={200: {"content": {"application/octet-stream": {}}}})  # fmt: skip
 def exported(request: Request, unit: Id, run: Id, name: Id) -> FileResponse:
-    """A file of the run's `export` folder."""
-    made = index_of(request).folder(unit, run) / "export"
-    found = next((path for path in made.iterdir() if path.name == name), None) if made.is_dir() else None
-    if found is None or not found.is_file() or found.is_symlink():
+    """A file that was exported."""
+    found = _exported(index_of(request).folder(unit, run)).get(name)
+    if found is None:
         raise HTTPException(404, f"run {unit}/{run} has no exported file '{name}': export it first")
     return FileResponse(found, media_type="application/octet-stream", filename=f"{unit}-{name}")
 

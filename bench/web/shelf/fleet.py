@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 from datetime import date
 from typing import Annotated, Any
 
@@ -10,7 +11,20 @@ from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from bench.analysis import load_limits
-from bench.archive import NoUnitError, Registry, Selection, Statistics, choices, drawn, overview, safe_csv, statistics
+from bench.archive import (
+    NoUnitError,
+    Registry,
+    Selection,
+    Statistics,
+    by_lot,
+    choices,
+    drawn,
+    in_common,
+    known_lacks,
+    overview,
+    safe_csv,
+    statistics,
+)
 from bench.archive import fleet_of as read
 from bench.base import InputError
 from bench.web.ground.problems import NotFoundError
@@ -116,6 +130,44 @@ def fleet(stock: Stocked, here: Here, chosen: Choice) -> Fleet:
         return Fleet(**shared)
     shared["current"] = not stock.counting
     return Fleet(**{**content, **shared, "first": content["from"], "last": content["to"]})
+
+
+class FleetLot(BaseModel):
+    """Of a lot: its units, how many have which word of the diagnosis, and how many lack which effect."""
+
+    lot: str
+    units: int
+    verdicts: dict[str, int]
+    lacks: dict[str, int]
+
+
+class FleetLacks(BaseModel):
+    """What `bench fleet diagnose` and reports have found: of the newest run of each unit, by lot."""
+
+    model: str = ""
+    models: dict[str, int] = {}
+    """Models that units were diagnosed with, and how many."""
+    units: int = 0
+    lots: list[FleetLot] = []
+    """Those that lack most first."""
+    in_common: list[dict[str, Any]] = []
+
+
+@router.get("/fleet/lacks")
+def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max_length=200)] = None) -> FleetLacks:
+    """How many units of each lot lack which effect, as far as their runs were diagnosed."""
+    if not stock.exists:
+        return FleetLacks()
+
+    def ask(registry: Registry) -> FleetLacks:
+        found = known_lacks(registry, chosen.selection(), model)
+        told = [one for one in found.told if chosen.q in one.unit]
+        lots = [FleetLot(lot=name, **vars(lot)) for name, lot in by_lot(told).items()]
+        lots.sort(key=lambda lot: (-sum(lot.lacks.values()), lot.lot))
+        return FleetLacks(model=found.model, models=found.models, units=len(told), lots=lots,
+                          in_common=[asdict(one) for one in in_common(told)])  # fmt: skip
+
+    return stock.answer(("lacks", chosen, model), ask)
 
 
 @router.get("/fleet/charts/{name}")

@@ -19,7 +19,7 @@ from bench.record import LIVE, CalibrationRecord, ComparisonRecord, DiagnosisRec
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
-from bench.web.shelf.steps import Steps, steps_of
+from bench.web.shelf.steps import Steps, steps_of, whole_of
 
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
@@ -143,7 +143,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         diagnosis=diagnosis,
         files=_files(folder.path),
         report=folder.report.is_file(),
-        certificate=(folder.path / "certificate.pdf").is_file(),
+        certificate=(whole_of(folder.path) / "certificate.pdf").is_file(),
         steps=steps_of(folder.path),
     )
 
@@ -157,8 +157,8 @@ def report(request: Request, unit: str, run: str) -> FileResponse:
 
 @router.get("/runs/{unit}/{run}/certificate", response_class=Response)
 def certificate(request: Request, unit: str, run: str, draft: bool = False) -> FileResponse:
-    """The run's calibration certificate, or its draft, PDF."""
-    folder, name = index_of(request).folder(unit, run), "draft" if draft else "certificate"
+    """The certificate of the run's calibration, or of the whole unit by it, or its draft, PDF."""
+    folder, name = whole_of(index_of(request).folder(unit, run)), "draft" if draft else "certificate"
     path = _existing(folder / f"{name}.pdf", f"{name}: make one with `bench certificate`")
     return FileResponse(path, media_type="application/pdf", filename=f"{unit}-{run}-{name}.pdf")
 

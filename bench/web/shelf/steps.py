@@ -6,8 +6,17 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from bench.record import CalibrationRecord, CertificateRecord, FlashRecord, VerificationRecord
+from bench.record import (
+    CalibrationRecord,
+    CertificateRecord,
+    FlashRecord,
+    ImuRecord,
+    ImuVerificationRecord,
+    VerificationRecord,
+)
 from bench.web.live.story import sound
+
+_WITHIN = {"PASS", "MARGINAL"}
 
 
 class Steps(BaseModel):
@@ -23,8 +32,23 @@ class Steps(BaseModel):
     """It has a certificate that is not a draft."""
 
 
+def whole_of(folder: Path) -> Path:
+    """Where a run's calibration is: of a whole inertial unit in a folder beside the run, else in the run's own."""
+    beside = folder.with_name(f"{folder.name}_imu")
+    return beside if (beside / ImuRecord.FILE).is_file() else folder
+
+
 def steps_of(folder: Path) -> Steps:
-    """The steps of the calibration in this run folder, or of that which the run in it verifies."""
+    """The steps of the calibration of this run, or of that which the run verifies."""
+    if (whole := whole_of(folder)) != folder:
+        verified, certificate = sound(ImuVerificationRecord, whole), sound(CertificateRecord, whole)
+        flashed = sound(FlashRecord, whole)
+        return Steps(
+            calibrated=True,
+            flashed=flashed is not None and flashed.state == "done",
+            verified=verified is not None and verified.verdict in _WITHIN,
+            certified=certificate is not None and not certificate.draft,
+        )
     own = sound(VerificationRecord, folder)
     origin = folder.parent / Path(own.calibration_run).name if own and own.calibration_run else folder
     calibration, flash = sound(CalibrationRecord, origin), sound(FlashRecord, origin)
@@ -44,8 +68,4 @@ def verifications_of(origin: Path) -> list[Path]:
 
 def _verifies(folder: Path, origin: Path) -> bool:
     found = sound(VerificationRecord, folder) if (folder / VerificationRecord.FILE).is_file() else None
-    return (
-        found is not None
-        and found.verdict in {"PASS", "MARGINAL"}
-        and Path(found.calibration_run or "").name == origin.name
-    )
+    return found is not None and found.verdict in _WITHIN and Path(found.calibration_run or "").name == origin.name

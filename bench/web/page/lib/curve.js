@@ -24,7 +24,7 @@ export function Curve({ curve, width = 320, height = 130, axes = false, label })
   const [low, high] = range(curve);
   const edge = axes ? { left: 56, right: 28, top: 16, bottom: 34 } : EDGE;
   const end = curve.at(-1)[0] || 1;
-  const [bottom, top] = low === high ? [low - 5, high + 5] : axes ? [low - (high - low) * 0.06, high + (high - low) * 0.06] : [low, high];
+  const [bottom, top] = low === high || (axes && high - low < 5) ? [low - 5, high + 5] : axes ? [low - (high - low) * 0.06, high + (high - low) * 0.06] : [low, high];
   const x = (t_s) => edge.left + (t_s / end) * (width - edge.left - edge.right);
   const y = (degc) => edge.top + ((top - degc) / (top - bottom)) * (height - edge.top - edge.bottom);
   const line = curve.map(([t_s, degc], index) => `${index ? "L" : "M"}${x(t_s).toFixed(1)} ${y(degc).toFixed(1)}`).join("");

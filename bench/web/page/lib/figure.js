@@ -58,11 +58,14 @@ export function onTheme(change) {
 
 const clone = (value) => structuredClone(value);
 
-/** A drawn figure in `place` (an element). `onZoom(range|null)` gets the range of x after the user has zoomed. */
+/** A drawn figure in `place` (an element). `onZoom(range|null)` gets the range of x after the user has zoomed, `onPoint({x, y})` what the mouse points at. */
 export class Drawn {
-  constructor(place, onZoom = (_range) => {}) {
+  constructor(place, onZoom = (_range) => {}, onPoint = (_point) => {}) {
     this.place = place;
     this.onZoom = onZoom;
+    this.onPoint = onPoint;
+    /** Where a line stands over all of x; null without one. */
+    this.mark = null;
     this.figure = null;
     this.zoom = {};
     this.listening = false;
@@ -72,8 +75,9 @@ export class Drawn {
   }
 
   /** Draw `figure` {data, layout}; `keep` keeps the zoom (finer data of the same picture), else x has the `range`. */
-  async show(figure, keep = false, range = null) {
+  async show(figure, keep = false, range = null, mark = null) {
     this.figure = figure;
+    this.mark = mark;
     if (!keep) this.zoom = range ? { xaxis: range } : {};
     await this.paint();
   }
@@ -83,8 +87,10 @@ export class Drawn {
     if (!this.figure || !this.place.isConnected) return;
     // Plotly changes its input, and the answer may be cached: it gets a copy.
     const { data, layout } = clone(this.figure);
-    await Plotly.react(this.place, data, themed(layout, palette(), this.zoom), CONFIG);
+    const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
+    await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
     if (!this.listening) {
+      this.place.on("plotly_hover", ({ points }) => this.onPoint(points[0]));
       this.place.on("plotly_relayout", (change) => this.relayout(change));
       // Plotly would return to the last drawn range, which is the narrow one after finer data was fetched.
       this.place.on("plotly_doubleclick", () => this.reset());

@@ -1,6 +1,7 @@
 // Small components that several pages use.
 import { html, useEffect, useLayoutEffect, useRef } from "./preact.js";
 import { t } from "./words.js";
+import { Said } from "./said.js";
 
 /* Shapes that show a state without colour: circle, triangle, octagon, square, ring. */
 const SHAPES = {
@@ -23,7 +24,7 @@ export const Busy = ({ children }) => html`<p class="row" role="status"><span cl
 /** An error message of the server. */
 export const Trouble = ({ error, retry }) =>
   error && html`<div class="notice bad" role="alert">
-    <p>${error.message ?? String(error)}</p>
+    <p><${Said} text=${error.message ?? String(error)} /></p>
     ${retry && html`<p><button class="narrow" onClick=${retry}>${t("error.retry")}</button></p>`}
   </div>`;
 

@@ -104,7 +104,7 @@ function File({ kind, id, stations, saved }) {
         <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${t(tone === "good" ? "files.good" : "files.bad")}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
         ${placed.length > 0 && html`<p class="row">${[...new Set(placed.map(({ line }) => line))].slice(0, 12).map((line) => html`<button type="button" key=${line} class="narrow" onClick=${() => setFocus({ line })}>${t("files.line", { line: String(line) })}</button>`)}</p>`}
-        <${Findings} findings=${findings.map((one) => (one.line ? { ...one, text: `${one.line}: ${one.text}` } : one))} />
+        <${Findings} findings=${findings} lines />
       </div>
     </div>
     ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}, ${t("doctor.title")}</a></p>`}

@@ -6,6 +6,7 @@ import { navigate, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { number, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
+import { effectWord } from "./workbench/effects.js";
 import { day, NoRegistry, quantity, sig, Tile, unitText, useGet } from "./stock/parts.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
@@ -126,6 +127,29 @@ function Odd({ fleet }) {
       <td>${quantity(one.quantity)} <span class="soft">${one.sigmas > 0 ? "+" : ""}${sig(one.sigmas, 2)} σ</span></td></tr>`)}</tbody></table></div>`;
 }
 
+const WORDS = ["adequate", "undecided", "unknown_effect"];
+const MOST_LOTS = 12;
+
+/** How many units of each lot lack which effect, as far as their newest runs were diagnosed with a model. */
+function Lacks({ params }) {
+  const [model, setModel] = useState("");
+  const { data, error, again } = useGet(`/fleet/lacks${query({ ...params, limits: "", model })}`);
+  if (!data) return error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`;
+  if (!data.units) return html`<p class="soft">${t("fleet.no_lacks")} <code>bench fleet diagnose --model NAME</code></p>`;
+  const sum = (part, name, lots = data.lots) => lots.reduce((all, lot) => all + (lot[part][name] ?? 0), 0);
+  const effects = [...new Set(data.lots.flatMap((lot) => Object.keys(lot.lacks)))].sort((one, other) => sum("lacks", other) - sum("lacks", one));
+  const shown = data.lots.slice(0, MOST_LOTS);
+  const row = (head, part, name) => html`<tr key=${`${part} ${name}`}><th scope="row">${head}</th><td class="n"><b>${sum(part, name)}</b></td>${shown.map((lot) => html`<td key=${lot.lot} class="n">${lot[part][name] ?? 0}</td>`)}</tr>`;
+  return html`<p>${t("fleet.diagnosed", { n: data.units })} ${Object.keys(data.models).length > 1 ? html`<select aria-label=${t("workbench.model.title")} onChange=${(event) => setModel(event.target.value)}>
+      ${Object.keys(data.models).map((name) => html`<option key=${name} value=${name} selected=${name === data.model}>${name}</option>`)}</select>` : html`<code>${data.model}</code>`}</p>
+    <div class="scroll" tabindex="0" role="region" aria-label=${t("fleet.lacks")}><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lot}</th>`)}</tr></thead>
+      <tbody>${effects.map((effect) => row(effectWord(effect), "lacks", effect))}
+        ${WORDS.map((word) => row(t(`workbench.verdict.${word}`), "verdicts", word))}
+        <tr><th scope="row">${t("fleet.head.units")}</th><td class="n"><b>${data.units}</b></td>${shown.map(({ lot, units }) => html`<td key=${lot} class="n">${units}</td>`)}</tr></tbody></table></div>
+    ${data.lots.length > shown.length && html`<p class="soft small">${t("fleet.more", { n: data.lots.length - shown.length })}</p>`}
+    ${data.in_common.map((one) => html`<p key=${`${one.lot} ${one.effect}`}><${Lamp} tone="warn">${t("fleet.in_common", { lot: one.lot, effect: effectWord(one.effect), n: one.lacking, of: one.units, rest: one.elsewhere, of_rest: one.of_elsewhere, p: one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2) })}<//></p>`)}`;
+}
+
 function Board({ fleet, params }) {
   const charts = fleet.quantities.filter((one) => one.signals !== null);
   const first = [...charts].sort((a, b) => b.signals - a.signals)[0]?.name;
@@ -143,6 +167,7 @@ function Board({ fleet, params }) {
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
+    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }

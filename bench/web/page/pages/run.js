@@ -10,6 +10,7 @@ import { planName } from "./live/words.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
 import { planTitle } from "./start/plan.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
+import { Said } from "../lib/said.js";
 
 /** A job of the server that a button asks for: {result, error, busy}, `act(path, body)`, and `cancel()`. */
 export function useAct() {
@@ -75,7 +76,7 @@ function Replay({ path }) {
     <${Going} job=${job} />
     ${result && html`<p role="status"><${Lamp} tone=${result.identical ? "good" : "bad"}>${t(result.identical ? "run.replay.same" : "run.replay.other", { n: changes.length })}<//></p>
       <p class="small soft">${t(result.from_frames ? "run.replay.frames" : "run.replay.tables")}</p>
-      ${result.failed && html`<p lang="en">${result.failed}</p>`}
+      ${result.failed && html`<p><${Said} text=${result.failed} /></p>`}
       ${changes.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("run.replay")}><table lang="en"><tbody>
         ${changes.slice(0, 40).map((change, index) => html`<tr key=${index}>${Object.entries(change).map(([key, value]) => html`<td key=${key} class="mono small">${cell(value)}</td>`)}</tr>`)}</tbody></table></div>`}`}
   <//>`;
@@ -153,7 +154,7 @@ export default function Run({ params }) {
     <div class="st-head"><h1>${run.unit}</h1><span class="soft">${planName(manifest)} · ${moment(manifest.created)} · ${duration(manifest.duration_s)}</span>
       <${Outcome} run=${{ state: run.state, judged: run.limits?.verdict, verdict: run.verdict }} /></div>
     <p class="mono small soft">${run.run}</p>
-    ${run.sentence && html`<p lang="en">${run.sentence}</p>`}
+    ${run.sentence && html`<p><${Said} text=${run.sentence} /></p>`}
     <p class="row">${run.report && html`<a class="button" href=${`/api/v1${path}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
       <a class="button" href=${`/workbench?run=${link}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/workbench?run=${link}&compare=`}>${t("run.compare")}</a></p>

@@ -9,6 +9,7 @@ import { number, or, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
+import { Said } from "../lib/said.js";
 
 const LOOK_MS = 2000;
 
@@ -62,7 +63,7 @@ export default function Verdict({ params }) {
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} />`}
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
-      ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail" lang="en">${units[0].sentence}</p>`}
+      ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
       <${Ways} units=${units} run=${run} />
     </div>
@@ -103,7 +104,7 @@ const workbench = ({ run }) => `/workbench?run=${encodeURIComponent(run)}`;
 const Units = ({ units, words }) => html`<ul class="verdict-units">
   ${units.map((unit, index) => html`<li key=${unit.unit} class=${`tone-${toneOf(words[index])}`}>
     <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
-      ${unit.sentence && html`<span class="soft small" lang="en">${unit.sentence}</span>`}
+      ${unit.sentence && html`<span class="soft small"><${Said} text=${unit.sentence} /></span>`}
       ${unit.run && unit.analysed && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
         <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>
         <a class="small" href=${`/runs/${unit.run}`}>${t("run.open")}</a>`}</div>
@@ -125,7 +126,7 @@ function Reasons({ limits }) {
   const head = ["quantity", "value", "limits", "margin", "unit", "verdict"];
   return html`<div class="verdict-reasons">
     ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
-      <li key=${text} lang="en"><span class="tone-warn"><${Shape} tone="warn" /></span><span>${text}</span></li>`)}</ul>`}
+      <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span><${Said} text=${text} /></span></li>`)}</ul>`}
     <div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table><thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
       <tbody>${(limits.results ?? []).map((result) => html`<${Judged} key=${result.name} result=${result} />`)}</tbody></table></div>
   </div>`;
@@ -135,7 +136,7 @@ function Judged({ result }) {
   const { name, value, unit, lower, upper, reason, verdict } = result;
   const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
   const sides = [lower !== null && `≥ ${number(lower)}`, upper !== null && `≤ ${number(upper)}`].filter(Boolean).join(", ");
-  return html`<tr><th scope="row">${or(`quantity.${name}`, name.replaceAll("_", " "))}${reason && html`<div class="soft small" lang="en">${reason}</div>`}</th>
+  return html`<tr><th scope="row">${or(`quantity.${name}`, name.replaceAll("_", " "))}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
     <td class="n figures">${number(value)}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
     <td>${unit === "1" ? "" : unit.replace("deg/h", t("unit.dph"))}</td>
     <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
@@ -148,11 +149,11 @@ function Fault({ end }) {
   const safe = end.safe === true ? "good" : end.safe === false ? "bad" : "warn";
   return html`<div class="fault">
     <section><h2>${t("fault.happened")}</h2>
-      ${who ? html`<p>${t("fault.aborted_by", { who })}</p>` : html`<p lang="en">${end.cause || t("fault.unknown")}</p>`}</section>
+      ${who ? html`<p>${t("fault.aborted_by", { who })}</p>` : html`<p>${end.cause ? html`<${Said} text=${end.cause} />` : t("fault.unknown")}</p>`}</section>
     <section><h2>${t("fault.did")}</h2>
       <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
-      ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings" lang="en">
-        ${steps.map(({ text, ok }) => html`<li key=${text}><span class=${`tone-${ok ? "good" : "bad"}`}><${Shape} tone=${ok ? "good" : "bad"} /></span><span>${text}</span></li>`)}
+      ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings">
+        ${steps.map(({ text, ok }) => html`<li key=${text}><span class=${`tone-${ok ? "good" : "bad"}`}><${Shape} tone=${ok ? "good" : "bad"} /></span><span><${Said} text=${text} /></span></li>`)}
       </ul></details>`}
     </section>
   </div>`;

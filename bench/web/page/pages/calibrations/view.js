@@ -11,6 +11,7 @@ import { Temperatures } from "../live/charts.js";
 import { Headline, Segments, Troubles } from "../live/run.js";
 import { operatorOf, OperatorField } from "../start/operator.js";
 import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
+import { Said } from "../../lib/said.js";
 
 const LOOK_MS = 1000;
 const EMPTY = new Trace();
@@ -61,7 +62,7 @@ export function CalibrationView({ id }) {
         ${run && html`<section class="panel several-run" aria-label=${t("nav.live")}><${Headline} run=${run} link /><${Segments} run=${run} /><${Troubles} run=${run} />
           <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} height=${200} /></section>`}
         ${!run && job.state === "running" && html`<${Busy}>${t("job.works")}<//>`}
-        ${job.releases.length > 0 && html`<section><h2>${t("job.releases")}</h2><ul lang="en">${job.releases.map((text) => html`<li key=${text}>${text}</li>`)}</ul></section>`}
+        ${job.releases.length > 0 && html`<section><h2>${t("job.releases")}</h2><ul>${job.releases.map((text) => html`<li key=${text}>${text}</li>`)}</ul></section>`}
       </div>
     </div>
     ${run && html`<${Actions} run=${run} />`}
@@ -107,7 +108,7 @@ function Ending({ job }) {
 function Ended({ job }) {
   const again = job.start && `/start?unit=${encodeURIComponent(job.start.units.join(","))}&station=${encodeURIComponent(job.start.station)}&calibration=${encodeURIComponent(job.start.plan)}`;
   return html`<section class=${`notice ${toneOf(job)}`} role="status"><p class="job-word"><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></p>
-    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small" lang="en">${job.sentence}</p></section>
+    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${job.sentence} /></p></section>
   <div class="verdict-ways">
     ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
     ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit")}</a>`}
@@ -138,7 +139,7 @@ function Held({ job }) {
     event.preventDefault();
     if (reason.trim()) go({ release: reason });
   };
-  return html`<section class="notice warn" role="status"><p><strong>${t("job.held")}</strong></p><p lang="en">${job.sentence}</p></section>
+  return html`<section class="notice warn" role="status"><p><strong>${t("job.held")}</strong></p><p><${Said} text=${job.sentence} /></p></section>
     ${may("operator") && html`<form class="stack" onSubmit=${submit}><${OperatorField} />
       <div class="field"><label for="reason">${t("job.reason")}</label><textarea id="reason" rows="3" maxlength="500" value=${reason} onInput=${(event) => setReason(event.target.value)}></textarea></div>
       <${Trouble} error=${error} />
@@ -149,7 +150,7 @@ function Stopped({ job }) {
   const { busy, error, go } = useGoOn(job);
   const papers = job.exit_code === 2 && job.start && job.steps.some(({ name, state }) => name === "check" && state === "failed");
   return html`<section class="notice bad" role="status"><p><strong>${t(job.state === "failed" ? `job.failed.${job.exit_code}` : "job.interrupted")}</strong></p>
-      <p lang="en">${job.sentence || job.start?.message}</p></section>
+      <p><${Said} text=${job.sentence || job.start?.message} /></p></section>
     <${Trouble} error=${error} />
     ${may("operator") && html`<div class="verdict-ways">
       ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}</button>`}

@@ -2,6 +2,7 @@
 import { html } from "../../lib/preact.js";
 import { Lamp, Shape } from "../../lib/parts.js";
 import { number, or, t } from "../../lib/words.js";
+import { Said } from "../../lib/said.js";
 
 const TONES = { ok: "good", waiting: "warn", tripped: "bad" };
 const ORDER = Object.keys(TONES).reverse();
@@ -30,7 +31,7 @@ export function Guards({ guards = [], old = false }) {
     <ul>${sorted.map((guard) => html`<li key=${guard.name} class=${guard.state}>
       <span class=${`tone-${toneOf(guard.state)}`}><${Shape} tone=${toneOf(guard.state)} /></span>
       <span class="guard-name">${guardName(guard)}<span class="unseen">: </span>
-        ${guard.text && html`<small lang="en">${guard.text}</small>`}</span>
+        ${guard.text && html`<small><${Said} text=${guard.text} /></small>`}</span>
       <span class="guard-state figures">${guard.state === "ok" ? valueOf(guard) || t("guards.ok") : html`<b class=${`tone-${TONES[guard.state]}`}>${t(`guards.${guard.state}`)}</b>`}</span>
     </li>`)}</ul>
   </section>`;

@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "../../lib/preact.js";
 import { get, url } from "../../lib/api.js";
 import { duration, moment, number, or, t } from "../../lib/words.js";
 import { segmentText } from "./words.js";
+import { Said } from "../../lib/said.js";
 
 const AGAIN_MS = 5000;
 
@@ -20,9 +21,9 @@ function useEvents(run) {
   return events;
 }
 
-/** An event as text: a segment in the reader's language, all else as the bench writes it. */
+/** An event as text. */
 const What = ({ event: { kind, phase, segment, text } }) => (kind === "segment" && segment && (phase === "start" || segment.outcome === "done")
-  ? html`${phase === "start" ? "▶" : "✓"} ${segmentText(segment)}` : html`<span lang="en">${text}</span>`);
+  ? html`${phase === "start" ? "▶" : "✓"} ${segmentText(segment)}` : html`<${Said} text=${text} />`);
 
 /** What a decision about the end of the run rests on: the error to be expected of each unit, beside the limit. */
 const Figures = ({ event: { units, limit_dph: limit } }) => html`<ul class="figures soft">${Object.entries(units).map(

@@ -9,6 +9,7 @@ import { Output, Temperatures, unitTone } from "./charts.js";
 import { Guards, guardName } from "./guards.js";
 import { Log } from "./log.js";
 import { isOld, lateText, planName, segmentText, serials, stateWord, toneOf } from "./words.js";
+import { Said } from "../../lib/said.js";
 
 const EMPTY = new Trace();
 
@@ -90,10 +91,10 @@ export function Segments({ run }) {
 export function Troubles({ run }) {
   const gone = isOld(run) && run.condition !== "ended";
   return html`<div aria-live="assertive">
-    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong> <span lang="en">${run.detail}</span></p></div>`}
+    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong> <${Said} text=${run.detail} /></p></div>`}
     ${run.chamber?.alarm?.length > 0 && html`<div class="notice bad"><p><strong>${t("live.alarm")}</strong> ${run.chamber.alarm.join(", ")}</p></div>`}
-    ${run.state === "holding" && html`<div class="notice warn"><p><strong>${t("live.held_by")}</strong> <span lang="en">${run.holding?.join(", ")}</span></p></div>`}
-    ${(run.units ?? []).filter((unit) => unit.dropped).map((unit) => html`<div key=${unit.serial} class="notice bad"><p><strong>${t("live.dropped", { serial: unit.serial })}</strong> <span lang="en">${unit.dropped}</span></p></div>`)}
+    ${run.state === "holding" && html`<div class="notice warn"><p><strong>${t("live.held_by")}</strong> <${Said} text=${run.holding?.join("; ")} /></p></div>`}
+    ${(run.units ?? []).filter((unit) => unit.dropped).map((unit) => html`<div key=${unit.serial} class="notice bad"><p><strong>${t("live.dropped", { serial: unit.serial })}</strong> <${Said} text=${unit.dropped} /></p></div>`)}
   </div>`;
 }
 

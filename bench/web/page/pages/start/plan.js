@@ -2,6 +2,7 @@
 import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
 import { degrees, duration, number, or, t } from "../../lib/words.js";
+import { Said } from "../../lib/said.js";
 
 /** A shipped plan has a name in every language; others show their file's name. */
 export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}`, plan.title);
@@ -35,7 +36,7 @@ export function PlanQuestion({ plans, calibrations, station, answer }) {
     ${shown.length > MOST && html`<p class="soft">${t("plan.more", { n: shown.length - MOST })}</p>`}
     ${!shown.length && !whole.length && html`<p class="soft">${t("plan.none")}</p>`}
     ${broken.length > 0 && html`<details><summary>${t("plan.broken", { n: broken.length })}</summary>
-      <ul>${broken.map((plan) => html`<li key=${plan.id} lang="en"><code>${plan.id}</code>: ${plan.problem}</li>`)}</ul></details>`}`;
+      <ul>${broken.map((plan) => html`<li key=${plan.id}><code>${plan.id}</code>: <${Said} text=${plan.problem} /></li>`)}</ul></details>`}`;
 }
 
 function PlanCard({ plan, choose }) {

@@ -11,6 +11,7 @@ import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
 import { planTitle } from "./plan.js";
+import { Said } from "../../lib/said.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
 
@@ -110,7 +111,7 @@ function Checked({ result, error, again }) {
   </div>`;
 }
 
-/** Findings of a check, each with its line of the file where it names one. */
-export const Findings = ({ findings }) => findings.length > 0 && html`<ul class="findings" lang="en">
-  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${text}</span></li>`)}
+/** Findings of a check; `lines`: each with its line of the file where it names one. */
+export const Findings = ({ findings, lines = false }) => findings.length > 0 && html`<ul class="findings">
+  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${lines && line ? `${line}: ` : ""}<${Said} text=${text} /></span></li>`)}
 </ul>`;

@@ -2,6 +2,7 @@
 import { html, useEffect, useLayoutEffect, useRef, useState } from "../../lib/preact.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { t } from "../../lib/words.js";
+import { Said } from "../../lib/said.js";
 
 /** Columns of the traces of a figure as rows for a CSV. */
 function rowsOf(figure) {
@@ -37,7 +38,7 @@ export function Chart({ figure, words, name, height = 380, onPick }) {
   const save = (kind) => () => (kind === "CSV" ? saveCsv(name, rowsOf(figure)) : drawn.current.save(kind, name));
   return html`<figure class="st-figure">
     <div ref=${place} class=${`st-plot ${onPick ? "picks" : ""}`} role="group" tabindex="0" aria-label=${words} aria-keyshortcuts="ArrowLeft ArrowRight + - 0" onKeyDown=${key}></div>
-    ${trouble && html`<p role="alert">${String(trouble.message ?? trouble)}</p>`}
+    ${trouble && html`<p role="alert"><${Said} text=${String(trouble.message ?? trouble)} /></p>`}
     <figcaption class="row spread"><span class="soft small">${words}</span>
       <span class="row st-saves">${["PNG", "SVG", "CSV"].map((kind) => html`<button type="button" key=${kind} class="narrow quiet" aria-label=${t("units.save", { kind })} onClick=${save(kind)}>${kind}</button>`)}</span>
     </figcaption>

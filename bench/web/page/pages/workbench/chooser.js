@@ -1,5 +1,6 @@
 // Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
 import { html, t, or, api, moment, number, runName, useEffect, useRef, useState } from "./parts.js";
+import { Said } from "../../lib/said.js";
 
 const ROW_PX = 52;
 const PAGE = 100;
@@ -83,7 +84,7 @@ export function Chooser({ taken, onChoose, label }) {
         aria-activedescendant=${rows.at(active) ? `wb-row-${active}` : null} value=${query} placeholder=${t("workbench.chooser.placeholder")}
         onInput=${(event) => setQuery(event.target.value)} onKeyDown=${key} />
     </label>
-    <p class="wb-soft" role="status">${rows.failed || (rows.query === null ? t("workbench.chooser.loading") : t("workbench.chooser.count", { matched: rows.matched, total: rows.total }))}</p>
+    <p class="wb-soft" role="status">${rows.failed ? html`<${Said} text=${rows.failed} />` : (rows.query === null ? t("workbench.chooser.loading") : t("workbench.chooser.count", { matched: rows.matched, total: rows.total }))}</p>
     ${rows.query !== null && rows.total === 0 && html`<p>${t("workbench.chooser.none")}</p>`}
     <div class="wb-rows" ref=${frame} onScroll=${look} tabindex="0">
       <div id="wb-rows" role="listbox" aria-label=${t("workbench.chooser.title")} style=${{ height: `${rows.matched * ROW_PX}px` }}>

@@ -4,6 +4,7 @@ import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
+import { Said } from "../../lib/said.js";
 
 const MOST_ROWS = 40;
 const PARTS = () => ({
@@ -50,7 +51,7 @@ function Table({ part, caption, name, open }) {
   const csv = [keys, ...rows.map((row) => keys.map((key) => plainOf(row[key])))];
   return html`<details class="wb-card wb-table" open=${open}>
     <summary><h3>${caption}</h3> <span class="wb-soft">${rows.length || "–"}</span></summary>
-    ${part?.reason && html`<p class="wb-soft" lang="en">${part.reason}</p>`}
+    ${part?.reason && html`<p class="wb-soft"><${Said} text=${part.reason} /></p>`}
     ${rows.length > 0 && html`<div class="wb-scroll" tabindex="0" role="region" aria-label=${caption}><table><thead><tr>${keys.map((key) => html`<th key=${key} scope="col">${key.replaceAll("_", " ")}</th>`)}</tr></thead>
       <tbody>${rows.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i}>${keys.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${cell(row[key])}</td>`)}</tr>`)}</tbody></table></div>`}
     ${rows.length > MOST_ROWS && html`<p class="wb-soft">${t("workbench.compare.more", { count: String(rows.length - MOST_ROWS) })}</p>`}
@@ -62,7 +63,7 @@ function Table({ part, caption, name, open }) {
 function Pictured({ a, b, difference }) {
   const both = useJob("/figures", { kind: "temperature", runs: [a], check: [b], model: null });
   return html`<div class="wb-pair-pictures">
-    <section class="wb-card"><h3>${t("workbench.figure.temperature")}</h3>${both.failed && html`<p class="wb-bad" role="alert">${both.failed}</p>`}
+    <section class="wb-card"><h3>${t("workbench.figure.temperature")}</h3>${both.failed && html`<p class="wb-bad" role="alert"><${Said} text=${both.failed} /></p>`}
       <${Picture} answer=${both.result} running=${both.running} waiting=${both.running} title=${t("workbench.figure.temperature")} name=${`${a} ${b}`} /></section>
     ${difference?.figure && html`<section class="wb-card"><h3>${t("workbench.compare.curves")}</h3>
       <${Picture} answer=${difference} title=${t("workbench.compare.curves")} name=${`${a} ${b} curves`} /></section>`}
@@ -83,7 +84,7 @@ export function Compare({ a, onClose }) {
     ${!b && html`<${Chooser} label=${t("workbench.compare.choose")} taken=${new Set([a])} onChoose=${(row) => row.run !== a && setB(row.run)} />`}
     ${b && html`<${Pictured} a=${a} b=${b} difference=${found?.figure} />`}
     ${job.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.compare.running")}</p>`}
-    ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
+    ${job.failed && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
     ${found && !differing.length && html`<p role="status">${t("workbench.compare.same")}</p>`}
     ${differing.map((key) => html`<${Table} key=${key} part=${found[key]} caption=${parts[key]} open=${OPEN.includes(key)} name=${`${a} ${b} ${key}`} />`)}
   </div>`;

@@ -13,6 +13,7 @@ import { ask, companions, known, likelyRole, useJob, useSession } from "./sessio
 import { same } from "./state.js";
 import { Unknown } from "../../lib/parts.js";
 import { Suspects, pictureOf } from "./suspects.js";
+import { Said } from "../../lib/said.js";
 
 /** Body of an analysis of one model. */
 const analysisOf = (runs, model) => ({ ...runs, models: [model] });
@@ -61,7 +62,7 @@ function Standing({ session, analysis, floor }) {
       ${(steps.length > 1 || undone > 0) && html`<span class="row">
         <button type="button" class="narrow" disabled=${steps.length < 2} aria-keyshortcuts="Control+Z" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>
         <button type="button" class="narrow" disabled=${!undone} aria-keyshortcuts="Control+Shift+Z" onClick=${() => act({ type: "redo" })}>↷ ${t("workbench.model.redo")}</button></span>`}</div>
-    ${analysis.failed && html`<p class="wb-bad" role="alert">${analysis.failed}</p>`}
+    ${analysis.failed && html`<p class="wb-bad" role="alert"><${Said} text=${analysis.failed} /></p>`}
     ${last && html`<div class="wb-tiles" role="status">
       <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runName).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />

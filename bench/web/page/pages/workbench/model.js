@@ -6,6 +6,7 @@ import { offered } from "./offered.js";
 import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
 import { fileName, save as offer } from "../../lib/download.js";
+import { Said } from "../../lib/said.js";
 
 /** Options of the effects by name, with their defaults, fetched once. */
 function useOptions() {
@@ -60,7 +61,7 @@ function Save({ model, onSaved }) {
       <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setName(event.target.value)} />
       <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
     </div>
-    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message ? `${message.good ? "✓" : "✕"} ${message.text}` : ""}</p>
+    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && html`${message.good ? "✓" : "✕"} <${Said} text=${message.text} />`}</p>
   </form>`;
 }
 
@@ -77,7 +78,7 @@ function Notebook({ runs, steps, model }) {
     }
   };
   return html`<p><button type="button" class="narrow" onClick=${make}>${t("workbench.notebook")}</button> <span class="wb-soft">${t("workbench.notebook_hint")}</span></p>
-    <p class="wb-bad" role="status">${failed}</p>`;
+    <p class="wb-bad" role="status"><${Said} text=${failed} /></p>`;
 }
 
 /** Nonlinear parameters of one effect of the fit. */

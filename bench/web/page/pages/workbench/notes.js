@@ -1,6 +1,7 @@
 // Notes about the run, and saved views of the workbench; both stay with the run.
 import { html, t, api, moment, useEffect, useState } from "./parts.js";
 import { may } from "../../lib/store.js";
+import { Said } from "../../lib/said.js";
 
 /** A field with its button; `keep(text)` is awaited, then the field is empty. */
 function Field({ id, label, button, most, area = false, keep }) {
@@ -43,6 +44,6 @@ export function Notes({ run, address }) {
     <ul>${kept.views.map((one) => html`<li key=${one.name} class="wb-view"><span><a href=${`/workbench${one.address}`}>${one.name}</a> ${whose(one)}</span>
       ${writes && html`<button type="button" class="wb-x" aria-label=${t("workbench.notes.remove", { name: one.name })} onClick=${() => ask(api.remove(view(one.name)))}>×</button>`}</li>`)}</ul>
     ${writes && html`<${Field} id="wb-view" label=${t("workbench.notes.name")} button=${t("workbench.notes.save")} most="80" keep=${(name) => ask(api.put(view(name), { address }))} />`}
-    <p class="wb-bad" role="status">${failed}</p>
+    <p class="wb-bad" role="status"><${Said} text=${failed} /></p>
   </section>`;
 }

@@ -1,10 +1,12 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { html, number, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { duration, html, number, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
 import { haunted } from "./ghost.js";
+import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
 import { caption, spoken, symbols } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
+import { Said } from "../../lib/said.js";
 
 const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
 const TABS = () => ({
@@ -28,20 +30,22 @@ const WIDTHS = [400, 800, 1200, 1600, 2000];
 const pointsFor = (element) => WIDTHS.find((width) => width >= (element?.clientWidth || 800)) ?? WIDTHS[WIDTHS.length - 1];
 
 /** A figure with its words, keys and files. `figure`: {figure, words, csv}; `onZoom(range|null)`; `range` of x to begin with. */
-export function Picture({ answer, name, title, running, waiting, onZoom, keep, range = null }) {
+export function Picture({ answer, name, title, running, waiting, onZoom, onPoint = null, keep, range = null, mark = null }) {
   const place = useRef(null);
   const drawn = useRef(null);
   const [failed, setFailed] = useState("");
   const tell = useRef(onZoom);
   tell.current = onZoom;
+  const point_ = useRef(onPoint);
+  point_.current = onPoint;
   useLayoutEffect(() => {
-    drawn.current = new Drawn(place.current, (shown) => tell.current?.(shown));
+    drawn.current = new Drawn(place.current, (shown) => tell.current?.(shown), (point) => point_.current?.(point));
     return () => drawn.current.end();
   }, []);
   useEffect(() => {
     if (!answer) return;
-    drawn.current.show(spoken(answer.figure), keep, range).then(() => setFailed(""), (error) => setFailed(error.message));
-  }, [answer]);
+    drawn.current.show(spoken(answer.figure), keep, range, mark).then(() => setFailed(""), (error) => setFailed(error.message));
+  }, [answer, mark]);
   const key = (event) => {
     if (!event.ctrlKey && !event.metaKey && !event.altKey && drawn.current.key(event.key)) event.preventDefault();
   };
@@ -53,7 +57,7 @@ export function Picture({ answer, name, title, running, waiting, onZoom, keep, r
       ${waiting && html`<p class="wb-veil" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.figure.waiting")}</p>`}
     </div>
     <figcaption>
-      <p class="wb-words">${failed ? html`<span class="wb-bad">${failed}</span>` : answer ? caption(answer) : ""}</p>
+      <p class="wb-words">${failed ? html`<span class="wb-bad"><${Said} text=${failed} /></span>` : answer ? caption(answer) : ""}</p>
       <p class="wb-tools">
         <button type="button" class="narrow" disabled=${none} onClick=${() => drawn.current.reset()}>${t("workbench.figure.reset")}</button>
         <button type="button" class="narrow" disabled=${none} onClick=${() => save("PNG")}>PNG</button>
@@ -160,6 +164,12 @@ export function Pictures({ session, picked }) {
     told.current = next ? `${AXES[kind]}:${next.map((end) => Number(end.toPrecision(8))).join()}` : "";
     timer.current = setTimeout(() => act({ type: "zoom", zoom: told.current }), ZOOM_PAUSE_MS);
   };
+  const moment = pointed.get();
+  const there = !picked && moment?.of === of && moment.kind !== kind && answer ? placeOf(kind, answer.csv, moment.time_s) : null;
+  const onPoint = (point) => {
+    const time_s = picked || !answer ? null : momentOf(kind, answer.csv, point);
+    if (time_s !== null) pointed.set({ of, kind, time_s });
+  };
   const words = { ...TABS(), picked: picked?.title };
   const shown = picked ? "picked" : kind;
   const title = words[shown];
@@ -168,10 +178,11 @@ export function Pictures({ session, picked }) {
       <${Tabs} kinds=${picked ? [...KINDS, "picked"] : KINDS} words=${words} kind=${shown} onKind=${(next) => next !== "picked" && act({ type: "view", view: { figure: next } })} />
       ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
-      ${job.failed && html`<p class="wb-bad" role="alert">${job.failed}</p>`}
+      ${job.failed && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
       ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
-      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <span lang="en">${answer.note}</span></p>`}
-      <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range}
+      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <${Said} text=${answer.note} /></p>`}
+      ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}
+      <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
         name=${`${of} ${model.name} ${shown}`} />
     </div>
   </section>`;

@@ -3,6 +3,7 @@ import { html, or, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { symbols } from "./spoken.js";
+import { Said } from "../../lib/said.js";
 
 const SHOWN = 4;
 const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad", undecided: "warn" };
@@ -41,7 +42,7 @@ function Parameters({ parameters }) {
 
 /** Change of the error on unseen data when it is added. */
 function Gain({ suspect }) {
-  if (suspect.held_out_rms_dph === null) return suspect.reason ? html`<p class="wb-soft" lang="en">${suspect.reason}</p>` : null;
+  if (suspect.held_out_rms_dph === null) return suspect.reason ? html`<p class="wb-soft"><${Said} text=${suspect.reason} /></p>` : null;
   return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}${
     suspect.removes === null ? "" : `, ${t("workbench.suspect.removes", { percent: Math.round(100 * suspect.removes) })}`}</p>`;
 }
@@ -80,9 +81,9 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}</p>
     ${one.beside.length > 0 && html`<p>${t("workbench.formula.beside", { effects: one.beside.map(effectWord).join(", ") })}</p>`}
-    <p class="wb-soft" lang="en">${[one.words, one.like].filter(Boolean).join("; ")}</p>
+    <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
     ${one.equivalent.length > 0 && html`<p class="wb-warn">⇄ ${one.equivalent.slice(0, 3).map((text) => html`<code key=${text}>${text}</code> `)}</p>`}
-    ${one.caution && html`<p class="wb-warn" lang="en">${one.caution}</p>`}
+    ${one.caution && html`<p class="wb-warn"><${Said} text=${one.caution} /></p>`}
   </li>`)}</ol>`;
 }
 
@@ -123,14 +124,14 @@ function Where({ places }) {
     ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
       <b>${quantity(place.channel)}</b> ${span(place)}:${" "}
       ${place.floor_ratio === null ? `${number(place.rms_dph)} ${symbols("deg/h")}` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
-      ${place.note ? html` <span class="wb-soft" lang="en">${place.note}</span>` : null}</li>`)}
+      ${place.note ? html` <span class="wb-soft"><${Said} text=${place.note} /></span>` : null}</li>`)}
   </ul></details>`;
 }
 
 /** `found`: content of `bench diagnose`, or null while it is computed; `failed`: its message. */
 export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
   const [all, setAll] = useState(false);
-  if (failed) return html`<p class="wb-bad" role="alert">${failed}</p>`;
+  if (failed) return html`<p class="wb-bad" role="alert"><${Said} text=${failed} /></p>`;
   if (!found) return html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
   const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
   const [first, ...rest] = sentences(found);
@@ -149,9 +150,9 @@ export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
       ${t("workbench.suspect.more", { count: found.suspects.length - shown.length })}</button>`}
     <${Further} figures=${found.figures} picked=${picked} onPicture=${onPicture} />
     <${Where} places=${found.verdict === "unknown_effect" && found.suspects.some((suspect) => suspect.found) ? [...found.unexplained, ...found.where] : found.where} />
-    ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul lang="en">
-      ${found.noise_finding && html`<li>${found.noise_finding}</li>`}
-      ${found.notes.map((note) => html`<li key=${note}>${note}</li>`)}
-      ${found.not_excited.map((one) => html`<li key=${one.effect}><code>${one.effect}</code>: ${one.reason}</li>`)}</ul></details>`}
+    ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul>
+      ${found.noise_finding && html`<li><${Said} text=${found.noise_finding} /></li>`}
+      ${found.notes.map((note) => html`<li key=${note}><${Said} text=${note} /></li>`)}
+      ${found.not_excited.map((one) => html`<li key=${one.effect}>${effectWord(one.effect)}: <${Said} text=${one.reason} /></li>`)}</ul></details>`}
   </div>`;
 }

@@ -1,6 +1,7 @@
 // A user-defined term: an expression, checked while it is typed, added like any other effect.
 import { html, t, api, useEffect, useState } from "./parts.js";
 import { numberOf } from "./typed.js";
+import { Said } from "../../lib/said.js";
 
 const PAUSE_MS = 250;
 
@@ -59,6 +60,6 @@ export function OwnTerm({ busy, onAdd }) {
     ${inside.map((name) => html`<${Bounds} key=${name} name=${name} value=${typed[name] ?? ["10", "3600"]}
       onChange=${(which, pair) => setTyped((old) => ({ ...old, [which]: pair }))} />`)}
     <p id="wb-term-check" class=${wrong ? "wb-bad" : "wb-soft"} role="status">
-      ${!answer ? t("workbench.term.hint") : wrong ? html`✕ <span lang="en">${answer.detail}</span>` : `✓ ${t("workbench.term.good", { parameters: (answer.parameters ?? []).map(nameOf).join(", ") || "–" })}`}</p>
+      ${!answer ? t("workbench.term.hint") : wrong ? html`✕ <${Said} text=${answer.detail} />` : `✓ ${t("workbench.term.good", { parameters: (answer.parameters ?? []).map(nameOf).join(", ") || "–" })}`}</p>
   </form>`;
 }

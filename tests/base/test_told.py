@@ -1,0 +1,124 @@
+"""What the bench says in English is known in the languages of its users, sentence by sentence."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from bench.base import language
+from tests.support import page_modules
+
+ROOT = Path(language.__file__).parents[2]
+PLACE = re.compile(r"\{\w*\}")
+SEAM = 7
+"""Letters of the shortest piece that a sentence is put together from."""
+WHOLE = (
+    "acquisition/profile/preflight.py", "acquisition/profile/standing.py", "acquisition/profile/guards.py",
+    "acquisition/run/settling.py", "acquisition/run/sequencer.py", "analysis/judging/verdict.py",
+    "analysis/judging/validity.py", "analysis/judging/completeness.py", "analysis/diagnosis/grammar.py",
+    "analysis/diagnosis/blocks.py", "analysis/diagnosis/describing.py", "analysis/diagnosis/places.py",
+    "analysis/diagnosis/proof.py", "commands/calibration/doubts.py", "web/live/story.py", "web/jobs/lanes.py",
+    "web/jobs/workers.py", "web/live/starting.py", "web/people/access.py",
+)  # fmt: skip
+"""Modules below `bench/` whose every sentence a page shows."""
+
+
+def bare(node: ast.expr) -> str:
+    """A string of the source with `{}` for each value in it."""
+    if isinstance(node, ast.Constant):
+        return str(node.value)
+    parts = node.values if isinstance(node, ast.JoinedStr) else []
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in parts)
+
+
+def strings(path: Path) -> list[str]:
+    """All strings of a module but its docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documented = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    inside = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Constant | ast.JoinedStr)]
+    return [
+        bare(node)
+        for node in found
+        if id(node) not in documented | inside and not (isinstance(node, ast.Constant) and type(node.value) is not str)
+    ]
+
+
+@cache
+def source() -> str:
+    """Everything that bench and drivers can say."""
+    files = [path for folder in ("bench", "drivers") for path in (ROOT / folder).rglob("*.py")]
+    return "\n".join(text for path in files for text in strings(path))
+
+
+@cache
+def shapes() -> list[re.Pattern[str]]:
+    """Strings of the code with words and values in them, as patterns."""
+    texts = {text for text in source().splitlines() if "{}" in text and re.search("[a-z]{2,}", text)}
+    return [re.compile(".+".join(map(re.escape, text.split("{}")))) for text in texts]
+
+
+def said_by_the_code(english: str) -> bool:
+    """Whether a sentence is written in the code: between its values in pieces, or with a word in place of a value."""
+    if english.startswith("must be "):
+        return True  # by pydantic
+    bare = PLACE.sub("0", english)
+    return all(map(pieced, PLACE.split(english))) or any(shape.fullmatch(bare) for shape in shapes())
+
+
+def pieced(piece: str) -> bool:
+    """Whether all of it is in the code, in pieces of some length."""
+    left = piece
+    while left.strip(" :;,.()'"):
+        ends = range(len(left), min(SEAM, len(left)) - 1, -1)
+        end = next((end for end in ends if left[:end] in source()), 0)
+        if not end:
+            return False
+        left = left[end:]
+    return True
+
+
+def test_every_sentence_that_is_translated_is_one_that_the_code_says() -> None:
+    """A sentence that was changed in the code alone would be English again."""
+    whole = [english for english in language.sentences() if len(english.split()) > 2]
+    assert len(whole) > 200
+    assert [one for one in whole if not said_by_the_code(one)] == []
+
+
+@pytest.mark.parametrize("module", WHOLE)
+def test_what_a_page_shows_of_a_module_has_a_translation(module: str) -> None:
+    known = "\n".join(PLACE.sub("{}", english) for english in language.sentences())
+    texts = strings(ROOT / "bench" / module)
+    pieces = {piece.strip(" ;:,.'()") for text in texts for piece in re.split(r"\{\}|[;:] |`[^`]*`", text)}
+    words = [piece for piece in pieces if len(piece.split()) > 2 and not re.search(r"[*/(_]| [-+x] ", piece)]
+    assert [piece for piece in words if piece not in known] == []
+
+
+@pytest.mark.parametrize(("spoken", "column"), [("uk", 0), ("zh", 1)])
+def test_a_translation_keeps_the_values_and_uses_its_own_letters(spoken: str, column: int) -> None:
+    letters = {"uk": "[а-яіїєґА-ЯІЇЄҐ]", "zh": "[\u4e00-\u9fff]"}[spoken]
+    own = {english: words[column] for english, words in language.sentences().items()}
+    assert [e for e, text in own.items() if {*PLACE.findall(e)} - {"{lost}"} != {*PLACE.findall(text)}] == []
+    long = {english: text for english, text in own.items() if len(re.findall("[a-z]{3,}", PLACE.sub("", english))) > 2}
+    assert [text for text in long.values() if not re.search(letters, PLACE.sub("", text))] == []
+
+
+SAMPLES = [
+    ("unit too hot: unit_temperature = 91.5 is above 90", "uk",
+     "виріб перегрітий: температура виробу = 91,5, вище за 90"),
+    ("Complete, no frame lost; M1 leaves 1.2 × the noise floor on unseen data.", "zh",
+     "已完成，没有丢帧；M1 在未见数据上剩余噪声底的 1.2 倍。"),
+    ("all ramps at 2 degC/min: thermal lag, dT/dt and hysteresis cannot be separated; give some ramps another rate",
+     "uk",
+     "усі рампи 2 °C/хв: теплове запізнення, dT/dt і гістерезис не розділити; дайте деяким рампам іншу швидкість"),
+    ("like nothing that was ever said", "uk", None),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("english", "spoken", "own"), SAMPLES)
+def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, own: str | None) -> None:
+    script = "console.log(JSON.stringify(page.told(...given)))"
+    assert language.told(english, spoken) == own
+    assert page_modules.told("lib/told.js", script, [english, spoken]) == own  # type: ignore[no-untyped-call]

@@ -1,0 +1,111 @@
+"""No sentence stays English on a Ukrainian or Chinese page, whoever wrote it: the page, the bench or its files."""
+
+import re
+
+import numpy as np
+import pytest
+
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
+from tests.support.run_folders import make_run, ramp_run
+from tests.support.visiting import picture
+
+RUN = "GX-1/20261101T000000Z_ramp"
+SAID = """() => {
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), said = [];
+  for (let node = walker.nextNode(); node; node = walker.nextNode())
+    if (!node.parentElement.closest('code, noscript, textarea, script, style, .mono, .wb-code'))
+      said.push(node.data.trim());
+  for (const element of document.querySelectorAll('[aria-label], [title], [placeholder]'))
+    for (const name of ['aria-label', 'title', 'placeholder']) said.push(element.getAttribute(name) ?? '');
+  return said.filter(Boolean);
+}"""
+OPEN = "() => document.querySelectorAll('details').forEach((one) => (one.open = true))"
+ENGLISH = re.compile(r"\b[a-z]{2,}(?: [a-z]{2,}){2,}")
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory, project):
+    """A unit with a disturbance that no effect explains, and a station of which a run goes on."""
+    out = tmp_path_factory.mktemp("said")
+    made = ramp_run(loop_dph=0.0)
+    made["columns"]["rate"] = made["columns"]["rate"] + 0.4 * np.sin(2 * np.pi * made["columns"]["time"] / 1100.0)
+    make_run(out / RUN, unit="GX-1", **made)
+    with bench_over(out, project) as bench:
+        bench.run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+        yield bench
+
+
+def english(page):
+    """Runs of English words, without what people or files have named."""
+    return [text for text in page.evaluate(SAID) if ENGLISH.search(re.sub(r"`[^`]*`", "", text))]
+
+
+@pytest.fixture(params=["uk", "zh"])
+def page(bench, visitors, request):
+    page = visitors.come(bench.site.address, locale=request.param)
+    page.set_default_timeout(30000)
+    return page
+
+
+def test_a_diagnosis_with_a_formula(page, request):
+    page.goto(f"/workbench?run={RUN.replace('/', '%2F')}")
+    page.locator(".wb-verdict").wait_for()
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    page.locator(".wb-suspects code").first.wait_for()
+    page.evaluate(OPEN)
+    picture(page, f"languages-{request.node.name}", full_page=True)
+    assert english(page) == []
+
+
+def test_a_profile_that_cannot_run(page, request):
+    page.goto("/files?kind=profiles&id=short")
+    text = page.locator("textarea").first
+    text.wait_for()
+    before = text.input_value()
+    page.locator(".findings li").first.wait_for()
+    assert english(page) == []
+    text.fill(before.replace("to_degc: 10", "to_degc: -90", 1))
+    page.locator(".findings .tone-bad").first.wait_for()
+    assert english(page) == []
+    text.fill(before.replace("to_degc: 10", "to_degree: 10", 1).replace("duration_min: 6", "duration_min: yes"))
+    page.locator(".findings li", has_text="to_degree").first.wait_for()
+    picture(page, f"languages-{request.node.name}")
+    assert english(page) == []
+
+
+def test_the_check_before_a_run_and_before_a_calibration(page):
+    for address in (f"unit={SLOW_UNIT}&station=unhurried&plan={LONG}", "unit=BARE-1&station=bare&calibration=brief"):
+        page.goto(f"/start?{address}")
+        page.locator(".checked").wait_for()
+        page.evaluate(OPEN)
+        assert english(page) == []
+
+
+def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
+    run = bench.run
+    bench.moving(run)
+    bench.client.post(f"/live/{run}/hold", json={}).raise_for_status()
+    until(lambda: bench.get(f"/live/{run}").get("holding"))
+    pages = [visitors.come(bench.site.address, locale=locale) for locale in ("uk", "zh")]
+    for page in pages:
+        page.goto(f"/live/{run}")
+        page.locator(".log li.request").first.wait_for()
+        page.locator(".log li.hold").first.wait_for()
+        picture(page, f"languages-live-{pages.index(page)}", full_page=True)
+        assert english(page) == []
+    bench.end_runs()
+    for page in pages:
+        page.goto(f"/verdict/{run}")
+        page.locator(".fault details summary").click()
+        until(lambda page=page: page.locator(".spinner").count() == 0)
+        picture(page, f"languages-verdict-{pages.index(page)}", full_page=True)
+        assert english(page) == []
+
+
+def test_what_the_server_refuses(page, visitors):
+    visitors.of(page).forgives = re.compile("status of 4")
+    for address in ("/units/NOBODY", "/runs/NOBODY/20261101T000000Z_ramp", f"/runs/{RUN}"):
+        page.goto(address)
+        page.locator("h1, .notice").first.wait_for()
+        page.locator(".spinner").first.wait_for(state="detached")
+        assert english(page) == []
