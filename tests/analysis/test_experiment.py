@@ -7,7 +7,7 @@ import pytest
 
 from bench.acquisition.profile import profile
 from bench.analysis.diagnosis.diagnose import diagnose
-from bench.analysis.diagnosis.discrimination import Discrimination
+from bench.analysis.diagnosis.discrimination import Discrimination, between
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.experiment import next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans, repetitions
@@ -177,6 +177,14 @@ def test_standing_still_and_reversing_separates_better_than_the_same_again(runs)
     rated = Discrimination(layout, pair, noise)
     alone, repeated, loops = (rated.expected(plan).gap for plan in (None, again, minor_loops(LIMITS)))
     assert alone < repeated < loops
+
+
+def test_a_rival_is_followed_between_the_points_of_its_grid_too():
+    at = np.array([10.0, 20.0, 40.0, 80.0])
+    tops = np.array([26.0, 44.0])
+    gains = 50.0 - 0.01 * (at[:, None] - tops) ** 2
+    assert between(at, gains) == pytest.approx([50.0, 50.0])
+    assert between(at, -gains) == pytest.approx((-gains)[2])  # no top between
 
 
 def test_the_chamber_is_learnt_from_the_run_and_predicts_another(runs):

@@ -100,9 +100,13 @@ class Discrimination:
 
     @cached_property
     def _open(self) -> list[list[Theta]]:
-        """Parameters of each rival's grid that the runs so far do not rule out."""
-        pairs = zip(self._candidates, self._heights, strict=True)
-        return [[c.grid()[i] for i in np.flatnonzero(own <= own.min() + _RULED_OUT)] for c, own in pairs]
+        """Parameters of each rival's grid that the runs so far do not rule out, and the next ones on either side."""
+        found = []
+        for candidate, heights in zip(self._candidates, self._heights, strict=True):
+            likely = np.flatnonzero(heights <= heights.min() + _RULED_OUT)
+            beside = np.unique(likely[:, None] + np.array([-1, 0, 1]))
+            found.append([candidate.grid()[i] for i in beside if 0 <= i < len(heights)])
+        return found
 
     @cached_property
     def _drawn(self) -> list[list[Theta]]:
@@ -136,7 +140,8 @@ class Discrimination:
             for i, rival in enumerate(self._rivals):
                 white = way.apply(self._means(problem, candidates[i], self._drawn[i], known, sigma2))
                 others = [j for j, other in enumerate(self._rivals) if other.effect.family != rival.effect.family]
-                least = [_least(white, outside(basis, white), candidates[j], spaces[j]) for j in others]
+                rest = outside(basis, white)
+                least = [_least(white, rest, candidates[j], spaces[j], tried[j]) for j in others]
                 gaps.append(np.min(least, axis=0) / sigma2)
                 shares.append(np.full(DRAWS, weight * prior[i]))
         return Expected(np.concatenate(gaps), np.concatenate(shares))
@@ -212,9 +217,28 @@ def lattice_of(problem: Problem) -> NoiseLattice:
     return NoiseLattice(problem.records()[:1], problem.interval_s)
 
 
-def _least(white: FloatArray, residual: FloatArray, rival: Candidate, spaces: Sequence[_Space]) -> FloatArray:
-    """Square sum (draws,) that a rival leaves of whitened means at its best parameters."""
+def _least(
+    white: FloatArray, residual: FloatArray, rival: Candidate, spaces: Sequence[_Space], tried: Sequence[Theta]
+) -> FloatArray:
+    """Square sum (draws,) that a rival leaves of whitened means at its best parameters, `tried` or between them."""
     response = white if rival.kind == "abscissa" else residual
     power = np.einsum("ij,ij->j", response, response)
-    gains = [space.power(response) for space in spaces]
-    return np.asarray(np.maximum(power - np.max(gains, axis=0), 0.0))
+    gains = np.array([space.power(response) for space in spaces])
+    most = gains.max(axis=0)
+    if len(rival.parameters) == 1 and len(tried) > 2:
+        most = np.maximum(most, between(np.array(tried)[:, 0], gains))
+    return np.asarray(np.maximum(power - most, 0.0))
+
+
+def between(at: FloatArray, gains: FloatArray) -> FloatArray:
+    """Top (draws,) of the parabola through the highest of gains (n, draws) at places (n,) and its neighbours.
+
+    A truth whose parameter lies between two points of the grid is nearly as well followed as one that lies on a point.
+    """
+    middle, draw = np.clip(np.argmax(gains, axis=0), 1, len(at) - 2), np.arange(gains.shape[1])
+    x0, x1, x2 = (at[middle + k] for k in (-1, 0, 1))
+    y0, y1, y2 = (gains[middle + k, draw] for k in (-1, 0, 1))
+    first, second = (y1 - y0) / (x1 - x0), (y2 - y1) / (x2 - x1)
+    bend = (second - first) / (x2 - x0)
+    top = np.clip(0.5 * (x0 + x1) - first / (2.0 * np.where(bend < 0.0, bend, -np.inf)), x0, x2)
+    return np.asarray(np.where(bend < 0.0, y0 + first * (top - x0) + bend * (top - x0) * (top - x1), y1))
