@@ -204,10 +204,11 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     names = tuple(rival.name for rival in rivals)
     often = after.after(before, _MOST_RUNS).probability
     tried = len(library) + len(longer) - _CLOSELY
+    gaps = " to ".join(number(round(one.gap, 1), 2) for one in (before, after))
+    chances = f"{before.probability:.0%} to {after.probability:.0%}"
     promise = (
-        f"over what the runs leave open of sizes, time constants and noise, the expected gap of the two that are "
-        f"hardest to tell apart goes from {number(before.gap, 2)} to {number(after.gap, 2)}, and the probability of a "
-        f"decision from {before.probability:.0%} to {after.probability:.0%}"
+        "over what the runs leave open of sizes, time constants and noise, the expected gap of the two that are "
+        f"hardest to tell apart goes from {gaps}, and the probability of a decision from {chances}"
     )
     if often < _HOPELESS:
         why = (
