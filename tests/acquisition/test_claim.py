@@ -27,7 +27,7 @@ def own_folder(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", None)
 
 
-@pytest.mark.parametrize("url", ["tcp://localhost:1502", "rtu+tcp://127.0.0.1:1502?x=1"])
+@pytest.mark.parametrize("url", ["tcp://localhost:1502", "rtu+tcp://127.0.0.1:1502"])
 def test_a_chamber_that_another_process_uses_is_refused_with_its_number(url):
     with subprocess.Popen([sys.executable, "-c", HOLD], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         try:

@@ -153,7 +153,7 @@ def test_a_lag_of_one_pole_is_not_taken_for_two_between_the_points_of_the_grid()
     run = recorded(with_corner(lagged(60.0), 33.0), seed=7)
     model = Model("m", (effects.make("spline", {"intervals": 8}), effects.make("bias_kink")))
     theta = np.array(list(fit_model(model, run).theta.values()))
-    layout, offered = offer(Layout(fit_rows(model, (run,), None), theta, ()), [effects.make("thermal_lag")])
+    layout, offered = offer(Layout(fit_rows(model, (run,), None), theta), [effects.make("thermal_lag")])
     best = weigh(layout.problem, offered.candidates(layout), 0).suspects[0]
     assert offered.effects[best.name].second == 0.0
     assert best.theta[0] == pytest.approx(60.0, abs=1.0)

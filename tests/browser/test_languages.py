@@ -36,8 +36,13 @@ def bench(tmp_path_factory, project):
 
 
 def english(page):
-    """Runs of English words, without what people or files have named."""
-    return [text for text in page.evaluate(SAID) if ENGLISH.search(re.sub(r"`[^`]*`", "", text))]
+    """Runs of English words, without what people or files have named, once the sentences have been fetched."""
+    for _ in range(100):
+        found = [text for text in page.evaluate(SAID) if ENGLISH.search(re.sub(r"`[^`]*`", "", text))]
+        if not found:
+            break
+        page.wait_for_timeout(100)
+    return found
 
 
 @pytest.fixture(params=["uk", "zh"])
