@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import partial
 
 import serial
@@ -87,7 +88,8 @@ class ForeignChamber:
     def close(self) -> None:
         if not self.pair:  # it looks whether to stop once a second, or when somebody calls
             self.server._go.clear()
-            socket.create_connection(self.server._sock.getsockname()).close()
+            with suppress(OSError):  # it has stopped already
+                socket.create_connection(self.server._sock.getsockname()).close()
         self.server.stop()
         if self.pair:
             self.server.close()
