@@ -123,9 +123,9 @@ def _shown(data: bytes, before: int, path: Path) -> str:
     for encoding in _ENCODINGS:
         with suppress(UnicodeDecodeError):
             texts[encoding] = data.decode(encoding)
-    place = InputError("", path, before + 1)
     if not texts:
-        raise _at(place, f"is not UTF-8 and in none of {', '.join(_ENCODINGS)}; export it as one of {KNOWN}")
+        text = f"is not UTF-8 and in none of {', '.join(_ENCODINGS)}; export it as one of {KNOWN}"
+        raise InputError(text, path, before + 1)
     looks = {encoding: "".join(text[:_LOOKED_AT].lower().split()) for encoding, text in texts.items()}
     known = [one for one, look in looks.items() if any(word in look for word in _words(one))]
     if len(known) == 1:
@@ -135,17 +135,13 @@ def _shown(data: bytes, before: int, path: Path) -> str:
     line = {encoding: text.split("\n")[before] for encoding, text in texts.items()}
     says = [f"'{found[0]}' as {encoding}" for encoding, text in line.items() if (found := _FOREIGN.search(text))]
     text = f"is not UTF-8: {', '.join(says)}; state which one by `encoding` in a column map, or save it as UTF-8"
-    raise _at(place, text)
+    raise InputError(text, path, before + 1)
 
 
 def _words(encoding: str) -> tuple[str, ...]:
     """Words of tables that only this encoding writes so; cp1252 has none."""
     own = [word for word in FOREIGN_WORDS if (ord(word[0]) < 0x0500) == (encoding == "cp1251")]
     return () if encoding == "cp1252" else (*own, *_SIGNS[encoding])
-
-
-def _at(place: InputError, text: str) -> InputError:
-    return InputError(text, place.file, place.line)
 
 
 def _as_utf8(data: bytes, encoding: str, path: Path, otherwise: str) -> bytes:

@@ -52,7 +52,7 @@ class Layout:
     @cached_property
     def problem(self) -> Problem:
         """What the engine sees: rows stacked, the model's columns, constants of further runs, slopes."""
-        _, columns = self.rows.bind(self.theta, trial=True)
+        columns = self._bound[1]
         starts = _APART_S * np.arange(len(self.rows.time))
         time = np.concatenate([t + s for t, s in zip(self.rows.time, starts, strict=True)])
         return Problem(
@@ -127,14 +127,18 @@ class Layout:
         return np.concatenate([c[m] for c, m in zip(columns, self.rows.masks, strict=True)])
 
     @cached_property
+    def _bound(self) -> tuple[design.Bound, FloatArray]:
+        """The model's effects prepared to the rows at these parameters, and their columns."""
+        return self.rows.bind(self.theta, trial=True)
+
+    @cached_property
     def seen(self) -> tuple[Dataset, ...]:
         """The records with the temperature that the model's terms see."""
-        bound, _ = self.rows.bind(self.theta, trial=True)
-        return tuple(_moved(bound, record) for record in self.rows.records)
+        return tuple(_moved(self._bound[0], record) for record in self.rows.records)
 
     def _terms_of(self, record: Dataset) -> Iterator[FloatArray]:
         """What each term of the fitted model is in another record (n,) [deg/h], as far as it has the channels."""
-        bound, moved = self._fitted, _moved(self.rows.bind(self.theta, trial=True)[0], record)
+        bound, moved = self._fitted, _moved(self._bound[0], record)
         for key, effect in zip(bound.keys, bound.effects, strict=True):
             if all(name in record.channels for name in effect.needs):
                 yield effect.columns(moved, bound.theta[key]) @ self._beta[bound.slices[key]]
@@ -155,14 +159,13 @@ class Layout:
     @cached_property
     def _fitted(self) -> design.Bound:
         """The model's terms alone, prepared to what they see."""
-        bound, _ = self.rows.bind(self.theta, trial=True)
+        bound = self._bound[0]
         kept = [i for i, effect in enumerate(bound.effects) if not effect.moves_abscissa]
         return replace(bound, keys=tuple(bound.keys[i] for i in kept), effects=tuple(bound.effects[i] for i in kept))
 
     @cached_property
     def _beta(self) -> FloatArray:
-        _, columns = self.rows.bind(self.theta, trial=True)
-        return solve(columns, self.rows.y, self.rows.weights).beta
+        return solve(self._bound[1], self.rows.y, self.rows.weights).beta
 
     @property
     def _pairs(self) -> list[tuple[Dataset, BoolArray]]:
@@ -186,9 +189,7 @@ class Layout:
     def _slopes(self) -> list[FloatArray]:
         if not self.theta.size:
             return []
-        _, columns = self.rows.bind(self.theta, trial=True)
-        beta = solve(columns, self.rows.y, self.rows.weights).beta
-        slopes = self.rows.slopes(self.theta, lambda moved: self.rows.bind(moved, trial=True)[1] @ beta)
+        slopes = self.rows.slopes(self.theta, lambda moved: self.rows.bind(moved, trial=True)[1] @ self._beta)
         return [slope for slope in slopes if np.all(np.isfinite(slope)) and np.any(slope)]
 
 
