@@ -35,7 +35,10 @@ _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 20
 _TAIL = 0.1  # of simulated nulls, for what a smaller share exceeds
-_USUAL = 2.5  # evidence that one candidate alone may reach by chance as often as a wrong name is allowed
+_USUAL = 3.0  # evidence that a name needs however little chance reaches
+_SLOW = 0.03
+"""Share of the nulls that may exceed what a slow effect needs. They are drawn at every noise that the data allow beside
+the effect, which overstates what chance reaches (M. J. Bayarri and J. O. Berger, JASA 95 (2000) 1127)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +124,8 @@ class Suspect:
 class Evidence:
     """All candidates, best first, and what chance reaches.
 
-    `threshold` is the 98.5 % point of the best evidence among `nulls` (runs,) simulated without any effect.
+    `threshold` is the 98.5 % point of the best evidence in runs simulated without any effect, the candidate left out
+    that chance favours most; `nulls` (runs,) is the best evidence of all candidates.
     """
 
     minus2logl: float
@@ -133,8 +137,8 @@ class Evidence:
     nulls: FloatArray
     lattice: NoiseLattice
     luck: Mapping[str, float] = field(default_factory=dict)
-    """What candidates paid beside their parameters, by name: chance favours slow effects among slow noise, and without
-    this all others would have to beat what ageing reaches by chance."""
+    """What is taken off the evidence of candidates beside their parameters, by name: chance favours slow effects among
+    slow noise, and without this all others would have to beat what ageing reaches by chance."""
 
     def each_once(self) -> list[Suspect]:
         """The best shape of each effect that the run excites, best first."""
@@ -173,17 +177,26 @@ def weigh(  # noqa: PLR0913 - options of one search
     doubt = 0.0 < max((s.evidence for s in suspects), default=0.0) < _BEYOND_DOUBT
     top = max((s for s in suspects if s.excited), key=lambda s: s.evidence, default=None)
     each = weighing.chance(nulls if doubt else nulls // 5, seed, top) if nulls else np.empty((0, 0))
-    if nulls:
-        luck = {
-            c.name: max(0.0, exceeded(own, WRONGLY_NAMED) - _USUAL) for c, own in zip(candidates, each, strict=True)
-        }
-    luck = luck or {}
+    threshold, luck = _bars(candidates, each) if nulls else (0.0, luck or {})
     suspects = [replace(s, evidence=s.evidence - luck.get(s.name, 0.0)) for s in suspects]
     chance = (each - np.array([[luck[c.name]] for c in candidates])).max(axis=0) if nulls else np.empty(0)
-    threshold = exceeded(chance, WRONGLY_NAMED) if nulls else 0.0
     ranked = tuple(sorted(_weighted(suspects), key=lambda s: -s.evidence))
     height, sigma2 = surface.known[best]
     return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, lattice, luck)
+
+
+def _bars(candidates: Sequence[Candidate], each: FloatArray) -> tuple[float, dict[str, float]]:
+    """What evidence has to exceed, and what each candidate pays before, for evidence (candidates, runs) by chance.
+
+    The one that chance favours most, ageing in a long run, has to exceed what it reaches itself, and not what the best
+    of all others does.
+    """
+    reached = np.array([exceeded(own, _SLOW) for own in each])
+    slow, own = int(np.argmax(reached)), np.maximum(reached, _USUAL)
+    others = np.delete(each - own[:, None] + _USUAL, slow, axis=0)
+    threshold = max(_USUAL, exceeded(others.max(axis=0), WRONGLY_NAMED)) if len(others) else _USUAL
+    luck = {c.name: float(bar) - _USUAL for c, bar in zip(candidates, own, strict=True)}
+    return threshold, luck | {candidates[slow].name: float(own[slow]) - threshold}
 
 
 @dataclass(frozen=True, eq=False)
