@@ -90,6 +90,7 @@ from .records.job import StoredStep as StoredStep
 from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity
 from .records.judged import LimitsRecord as LimitsRecord
+from .records.judged import Verdict as Verdict
 from .records.judged import VerificationRecord as VerificationRecord
 from .records.lot import LotRecord as LotRecord
 from .records.lot import LotUnit as LotUnit
@@ -116,7 +117,6 @@ from .samples import Code as Code
 from .samples import SampleFile as SampleFile
 from .samples import channel_of as channel_of
 from .samples import floats as floats
-from .samples import read_samples as read_samples
 from .samples import samples_writer as samples_writer
 from .samples import write_samples as write_samples
 from .signing import keep_secret as keep_secret

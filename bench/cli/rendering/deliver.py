@@ -117,7 +117,7 @@ def _covered(known: Mapping[str, Any]) -> str:
 @content.register(Certified)
 def _(result: Certified) -> dict[str, Any]:
     keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated", "draft")
-    known = {key: result.facts[key] for key in keys}
+    known = {key: result.facts[key] for key in keys if key in result.facts}
     return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), "xml": str(result.xml), **known}
 
 
