@@ -7,6 +7,9 @@ reached); 4 equipment failed. Every command with a result takes `--json`: one ob
 
 from __future__ import annotations
 
+import signal
+import sys
+import threading
 from collections.abc import Sequence
 
 import click
@@ -48,6 +51,8 @@ def main() -> None:
 
     Start with `bench run profiles/ramp_-40_85.yaml`: it needs no equipment.
     """
+    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # what it began is cleared away
 
 
 for _commands in SECTIONS.values():

@@ -1,6 +1,9 @@
 """The commands as seen by a user: exit codes, one line for bad input, one JSON object on stdout."""
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -258,3 +261,29 @@ def test_who_imported_a_table_is_on_record(tmp_path):
     assert made.exit_code == 0
     (run,) = json.loads(bench("registry", "list", "--out", tmp_path / "reports", "--json").stdout)["runs"]
     assert run["operator"] == user_name()
+
+
+WAITS = """
+import tempfile
+from bench.cli import main
+
+@main.command()
+def wait():
+    with tempfile.TemporaryDirectory() as folder:
+        print(folder, flush=True)
+        input()
+
+main(["wait"])
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="ends a process by a signal")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, 1)])
+def test_a_command_that_is_ended_removes_its_temporary_files(number, code):
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", WAITS], stdin=pipe, stdout=pipe, stderr=pipe, text=True) as command:
+        folder = Path(command.stdout.readline().strip())
+        assert folder.is_dir()
+        command.send_signal(number)
+        assert command.wait() == code
+    assert not folder.exists()
