@@ -117,6 +117,7 @@ from .samples import Code as Code
 from .samples import SampleFile as SampleFile
 from .samples import channel_of as channel_of
 from .samples import floats as floats
+from .samples import read_samples as read_samples
 from .samples import samples_writer as samples_writer
 from .samples import write_samples as write_samples
 from .signing import keep_secret as keep_secret

@@ -168,6 +168,12 @@ def write_samples(path: Path, columns: Mapping[str, np.ndarray[Any, Any]]) -> No
         writer.write_table(table)
 
 
+def read_samples(path: Path | str, *names: str) -> dict[str, FloatArray]:
+    """All samples of `data.parquet`, columns (n,) by channel; without names, all channels."""
+    with SampleFile(path) as file:
+        return file.read(names or file.names)
+
+
 def floats(column: pa.Array) -> FloatArray:
     """Values of a column (n,) as numbers, NaN where there is none."""
     if pa.types.is_boolean(column.type):

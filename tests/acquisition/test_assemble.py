@@ -15,10 +15,10 @@ from bench.acquisition.recording.recorder import READING
 from bench.base.errors import InputError
 from bench.record.files import sha256
 from bench.record.folder import RunFolder
+from bench.record.samples import read_samples
 from drivers.journal import FRAME, JournalWriter, Kind, read_blocks, stored_blocks
 from drivers.wire import load_dbc
 from tests.support import acquisition
-from tests.support.run_folders import read_samples
 
 DBC = cantools.database.load_file(acquisition.STATION.parents[2] / "drivers" / "gyros" / "vibratory.dbc")
 ID = {name: message.id for name, message in load_dbc("vibratory").items()}

@@ -19,9 +19,9 @@ from bench.acquisition.station.settings.fixture import FixtureSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import Document, InputError, load_config, parse_yaml, read_yaml
 from bench.record import ATTITUDES, ExecutedSegment, RunFolder, seconds_of
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from tests.support import acquisition
-from tests.support.run_folders import read_samples
 
 SHIPPED = Path(__file__).parents[2] / "profiles" / "stations" / "imu.yaml"
 OVER = """\

@@ -24,9 +24,9 @@ from bench.acquisition.station.safety import HOME
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.record import ExecutedSegment, RunFolder, open_run
+from bench.record.samples import read_samples
 from drivers.samples import SampleClock
 from tests.support import acquisition
-from tests.support.run_folders import read_samples
 
 PROFILE = """\
 name: there and back

@@ -27,6 +27,7 @@ from bench.acquisition.station.settings.faults import PANEL
 from bench.base import config
 from bench.base.errors import BenchError
 from bench.record.folder import RunFolder
+from bench.record.samples import read_samples
 from benchmarks.spoiled_unit_data import Case as Spoiling
 from benchmarks.spoiled_unit_data import Wire
 from drivers.errors import DriverError
@@ -41,7 +42,6 @@ from tests.acquisition.test_turning import station as table_station
 from tests.acquisition.test_watchdog import PATIENCE_S, World
 from tests.support import acquisition
 from tests.support.fault_matrix import BUS, MATRIX, PAGE, Case, markdown
-from tests.support.run_folders import read_samples
 
 PROFILE = """\
 name: matrix

@@ -14,7 +14,7 @@ from bench.acquisition.importer.plan import load_columns, write_import
 from bench.base.errors import InputError
 from bench.record import apart, dataset, load
 from bench.record.folder import open_run
-from tests.support.run_folders import read_samples
+from bench.record.samples import read_samples
 from tests.support.tables import imported, loop, write
 
 

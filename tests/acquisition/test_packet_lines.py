@@ -16,10 +16,10 @@ from bench.acquisition.station.wires import wire_findings
 from bench.base import InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import load
+from bench.record.samples import read_samples
 from drivers.framing import Framing
 from drivers.packet_bus import MemoryLine
 from tests.support import acquisition
-from tests.support.run_folders import read_samples
 
 CRC = {"width": 16, "poly": 0x1021, "init": 0xFFFF, "order": "big"}
 LINES = {

@@ -18,9 +18,9 @@ from bench.analysis.judging.quantities import of_data
 from bench.base import load_config, parse_yaml
 from bench.cli import main
 from bench.record import RunFolder, averaged, load, open_run, seconds_of
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from tests.support import acquisition
-from tests.support.run_folders import read_samples
 
 CYCLES = """\
 name: cycles

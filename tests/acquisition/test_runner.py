@@ -24,11 +24,11 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.run.wiring import Continue, Stop
 from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.record import RunFolder, open_run, sha256
+from bench.record.samples import read_samples
 from drivers.journal import Kind, read_blocks
 from drivers.sim.station import SimulatedStation
 from tests.support import acquisition
 from tests.support.acquisition import at
-from tests.support.run_folders import read_samples
 
 
 def raising(error):

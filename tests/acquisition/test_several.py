@@ -19,10 +19,10 @@ from bench.base.errors import EquipmentError, InputError, RunAborted
 from bench.cli import main, rendering
 from bench.commands.several import report_on_all
 from bench.record import Begun, GyroKind, RunFolder, create_run, open_run, sha256
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from tests.support import acquisition
 from tests.support.acquisition import at
-from tests.support.run_folders import read_samples
 
 FOUR = acquisition.STATION.parent / "four_units.yaml"
 SERIALS = ["SIM-0001", "SIM-0002", "SIM-0003", "SIM-0004"]

@@ -20,12 +20,12 @@ from bench.acquisition.station.turning import Turntable
 from bench.base import config
 from bench.base.errors import EquipmentError, InputError
 from bench.record import dataset
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from drivers.errors import DriverError, LinkError
 from drivers.rate_table import TableLimits, table_array
 from drivers.sim.cia402_table import SimulatedTable
 from tests.support import acquisition
-from tests.support.run_folders import read_samples
 
 STATION = Path(__file__).parents[2] / "profiles" / "stations" / "rate_table.yaml"
 RATES = """\

@@ -15,7 +15,6 @@ from bench.base.channels import FloatArray
 from bench.record.chain import chain_of, put
 from bench.record.dataset import write_means
 from bench.record.folder import Manifest, RunFolder
-from bench.record.samples import SampleFile
 
 UNIT = "SIM-0001"
 ARW = 0.005
@@ -148,9 +147,3 @@ def keep(folder: Path, name: str, content: Any) -> None:
     results = [other for other, link in known.files.items() if link.made_from]
     put(folder, files, unit=content.get("unit", ""), run=content.get("run", ""))
     put(folder, {other: (folder / other).read_bytes() for other in results}, ["manifest.json"])
-
-
-def read_samples(path: Path, *names: str) -> dict[str, FloatArray]:
-    """All samples of `data.parquet`, columns (n,) by channel; without names, all channels."""
-    with SampleFile(path) as file:
-        return file.read(names or file.names)
