@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import signal
 import sys
-import threading
 from collections.abc import Sequence
+from typing import Any
 
 import click
 
@@ -33,6 +33,12 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
 class Sections(click.Group):
     """A group whose help lists its commands by purpose."""
 
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run the words of this process, or those given; SIGTERM ends a process of the bench's own in good order."""
+        if not args and options.get("args") is None and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+        return super().main(*args, **options)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """One table per section, in the order of the work."""
         width = max(len(name) for name in self.commands)
@@ -51,8 +57,6 @@ def main() -> None:
 
     Start with `bench run profiles/ramp_-40_85.yaml`: it needs no equipment.
     """
-    if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # what it began is cleared away
 
 
 for _commands in SECTIONS.values():

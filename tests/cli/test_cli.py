@@ -275,15 +275,20 @@ def wait():
         print(folder, flush=True)
         input()
 
-main(["wait"])
+main()
 """
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="ends a process by a signal")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, 1)])
 def test_a_command_that_is_ended_removes_its_temporary_files(number, code):
+    before = signal.getsignal(signal.SIGTERM)
+    assert bench("effects").exit_code == 0
+    assert signal.getsignal(signal.SIGTERM) is before, "a program that calls the bench keeps its own signals"
     pipe = subprocess.PIPE
-    with subprocess.Popen([sys.executable, "-c", WAITS], stdin=pipe, stdout=pipe, stderr=pipe, text=True) as command:
+    with subprocess.Popen(
+        [sys.executable, "-c", WAITS, "wait"], stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    ) as command:
         folder = Path(command.stdout.readline().strip())
         assert folder.is_dir()
         command.send_signal(number)
