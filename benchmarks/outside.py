@@ -30,7 +30,8 @@ from bench.base import FloatArray
 from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
 from benchmarks.bars import table
-from benchmarks.outside_truths import GROUPS, TRUTHS, World
+from benchmarks.outside_truths import GROUPS, TRUTHS
+from benchmarks.outside_world import World
 from benchmarks.trials import MODEL
 
 RUN, CHECK, JUDGE = cases.TWO_RATES, cases.LOOPS, "steps_-40_85"
@@ -171,8 +172,8 @@ def section(path: Path) -> str:
         return ""
     rows = []
     for strength in sorted({trial.strength for trial, _ in results}):
-        for words, names in GROUPS.items():
-            own = [found for trial, found in results if trial.strength == strength and trial.truth in names]
+        for words, group in GROUPS.items():
+            own = [found for trial, found in results if trial.strength == strength and TRUTHS[trial.truth] in group]
             if own:
                 shares = _share(own, "share"), _share(own, "ratio")
                 rows.append((f"{strength:g}, written {words}", str(len(own)), *shares,

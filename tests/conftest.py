@@ -21,8 +21,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 CALM = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
 hypothesis.settings.register_profile("bench", **CALM)
 hypothesis.settings.load_profile("bench")  # no example fails because the machine is busy
+GUARD = leftovers.guard()
+"""Ends the processes of this test run and removes its folder, even when the run is killed."""
 os.environ["BENCH_KEYS"] = tempfile.mkdtemp(prefix="bench-keys-")
 """The key of these tests: no test touches that of the user."""
+os.environ["BENCH_WORKERS"] = "1"
+"""The tests share the processors already: a copy of each diagnosing process would cost a sixth more."""
 os.environ["BENCH_LANG"] = "en"  # whatever the machine speaks
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
@@ -30,8 +34,6 @@ sys.dont_write_bytecode = False
 
 gc.disable()
 """Until all tests are collected: nothing of what is imported meanwhile is garbage."""
-GUARD = leftovers.guard()
-"""Ends the processes of this test run, even when the run is killed."""
 
 
 def pytest_unconfigure():

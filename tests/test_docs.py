@@ -17,9 +17,8 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 
 
-TUTORIAL, WEB = "docs/tutorial.md", "docs/web.md"
+README, TUTORIAL, WEB = "README.md", "docs/tutorial.md", "docs/web.md"
 JOURNEYS = {
-    "five minutes": ["README.md"],
     "one unit": [f"docs/howto/{page}.md" for page in ("production", "runs", "delivery", "centre")],
     "equipment": [f"docs/howto/{page}.md" for page in ("chamber_map", "lines", "instruments")],
 }
@@ -83,16 +82,22 @@ def compare(page, said, folder):
 
 @pytest.mark.slow(first=True)
 @pytest.mark.timeout(1800)
-def test_the_tutorial_runs_from_its_first_line_to_its_calibration(tmp_path):
-    *commands, calibrate = blocks(TUTORIAL)
-    # The how-to has the same command, and a journey runs it there.
+def test_the_tutorial_goes_on_where_the_readme_ends_and_runs_to_its_calibration(tmp_path):
+    started = "\n".join(blocks(README))
+    compare(README, bash(started, tmp_path), tmp_path)
+    (folder,) = tmp_path.iterdir()
+    init, check, run, *commands, calibrate = blocks(TUTORIAL)
+    assert init.strip() == "bench init ."
+    # Both pages, and a how-to that a journey runs, have the same commands.
+    for command in (check, run):
+        assert re.search(rf"^{re.escape(command.strip().removesuffix(' --quiet'))} ", started, re.MULTILINE)
     assert calibrate.strip().removesuffix(" --quiet") in (ROOT / "docs" / "howto" / "production.md").read_text()
-    said = bash("\n".join(commands), tmp_path)
-    compare(TUTORIAL, said, tmp_path)
+    said = bash("\n".join(commands), folder)
+    compare(TUTORIAL, said, folder)
     assert "Missing: aging" in said
     assert re.search(r"^right +aging$", said, re.MULTILINE)
-    assert list(tmp_path.glob("reports/SIM-0001/*/report.html"))
-    assert list(tmp_path.glob("reports/MINE/*/data.parquet"))
+    assert list(folder.glob("reports/SIM-0001/*/report.html"))
+    assert list(folder.glob("reports/MINE/*/data.parquet"))
 
 
 @pytest.mark.slow
@@ -115,7 +120,7 @@ def test_the_commands_of_the_pages_run_from_the_first_to_the_last(tmp_path, jour
 
 
 def test_every_command_of_the_pages_is_run_or_says_why_not():
-    run = {page for pages in JOURNEYS.values() for page in pages} | {TUTORIAL, WEB}
+    run = {page for pages in JOURNEYS.values() for page in pages} | {README, TUTORIAL, WEB}
     for page in (str(page.relative_to(ROOT)) for page in PAGES):
         for said, language, text in fences(page):
             command = re.match(r"(bench|pip|python|git|curl|export|bash|sphinx-build) ", text)

@@ -1,4 +1,4 @@
-"""A test run that is killed leaves no process behind."""
+"""A test run that is killed leaves no process and no temporary file behind."""
 
 import os
 import signal
@@ -13,11 +13,11 @@ from tests.support import leftovers
 
 ROOT = Path(__file__).parents[1]
 STARTS = """
-import subprocess, sys, time
+import subprocess, sys, tempfile
 from tests.support import leftovers
 GUARD = leftovers.guard()
 detached = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, start_new_session=True)
-print(detached.pid, flush=True)
+print(detached.pid, tempfile.mkdtemp(), flush=True)
 input()
 """
 
@@ -28,6 +28,10 @@ def test_what_a_killed_run_started_ends_with_it():
     environment["PYTHONPATH"] = str(ROOT)
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", STARTS], env=environment, stdin=pipe, stdout=pipe, text=True) as run:
-        detached = psutil.Process(int(run.stdout.readline()))
+        pid, folder = run.stdout.readline().split()
+        detached = psutil.Process(int(pid))
+        watching = [child for child in psutil.Process(run.pid).children() if child != detached]
+        assert Path(folder).parent.name.startswith("bench-tests-")
         run.send_signal(signal.SIGKILL)
-    assert not psutil.wait_procs([detached], timeout=120)[1]
+    assert not psutil.wait_procs([detached, *watching], timeout=120)[1]
+    assert not Path(folder).parent.exists()

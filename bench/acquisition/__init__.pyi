@@ -11,7 +11,6 @@ from .importer.confines import run_confined as run_confined
 from .importer.confines import shortened as shortened
 from .importer.plan import ImportPlan as ImportPlan
 from .importer.plan import load_columns as load_columns
-from .importer.plan import plan_import as plan_import
 from .importer.plan import plan_table as plan_table
 from .importer.plan import write_import as write_import
 from .importer.reading import read_confined as read_confined

@@ -115,7 +115,6 @@ from .judging.limits import PROBABILITY as PROBABILITY
 from .judging.limits import Judgement as Judgement
 from .judging.limits import Limits as Limits
 from .judging.limits import Result as Result
-from .judging.limits import Verdict as Verdict
 from .judging.limits import judge_limits as judge_limits
 from .judging.limits import load_limits as load_limits
 from .judging.lot import Lot as Lot

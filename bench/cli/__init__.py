@@ -7,7 +7,10 @@ reached); 4 equipment failed. Every command with a result takes `--json`: one ob
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Sequence
+from typing import Any
 
 import click
 
@@ -29,6 +32,12 @@ SECTIONS: dict[str, Sequence[click.Command]] = {
 
 class Sections(click.Group):
     """A group whose help lists its commands by purpose."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run the words of this process, or those given; SIGTERM ends a process of the bench's own in good order."""
+        if not args and options.get("args") is None and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+            signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+        return super().main(*args, **options)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """One table per section, in the order of the work."""

@@ -123,8 +123,7 @@ def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> 
         lambda content, xml: typeset_pdf(content, figures(evidence, total.expanded_dph), xml, desk.issued),
     )
     pdf, content = publish(folder, options, desk, document, out)
-    judged = evidence.verdict is None or evidence.verdict.within
-    return Certified(folder, pdf, pdf.with_suffix(".json"), pdf.with_suffix(".xml"), content, judged)
+    return Certified(folder, pdf, pdf.with_suffix(".json"), pdf.with_suffix(".xml"), content)
 
 
 def _amending(

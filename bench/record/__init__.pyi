@@ -90,6 +90,7 @@ from .records.job import StoredStep as StoredStep
 from .records.judged import Judged as Judged
 from .records.judged import JudgedQuantity as JudgedQuantity
 from .records.judged import LimitsRecord as LimitsRecord
+from .records.judged import Verdict as Verdict
 from .records.judged import VerificationRecord as VerificationRecord
 from .records.lot import LotRecord as LotRecord
 from .records.lot import LotUnit as LotUnit

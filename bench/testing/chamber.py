@@ -45,11 +45,6 @@ class SimulatedChamber(Passing):
         """True temperature of its air [degC]."""
         return self._stage.station.plant.state.air
 
-    @property
-    def case_degc(self) -> float:
-        """True temperature of the case of what stands in it [degC]."""
-        return self._stage.station.plant.state.case
-
     def words(self, register: str) -> list[int]:
         """Raw words of a register, by its name in the map."""
         return self._stage.station.chamber.words(register)

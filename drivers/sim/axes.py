@@ -13,7 +13,6 @@ from drivers.layout import ACCELERATIONS, OUTPUTS, RATES, THERMOMETERS, Layout
 from drivers.sim.resonator import DIVIDER, Environment, PowerOn, Resonator, UnitSettings, default_unit
 from drivers.sim.truth.base import FloatArray
 
-SAMPLE_MS = 2.0
 MS2_PER_DPH = 1e-4
 """An accelerometer is simulated as a gyro whose deg/h are so many m/s^2 …"""
 GRAVITY = {"acceleration_z": 9.80665}
@@ -25,20 +24,19 @@ class Axes:
     """The truths of a unit, by output; each has a seed and a turn-on of its own. Only the first one turns."""
 
     def __init__(self, layout: Layout, simulation: Mapping[str, Any] | None, seed: int, power: PowerOn) -> None:
-        """`simulation` has the settings of a truth by output. ConfigError for other outputs or another rate."""
+        """`simulation` has the settings of a truth by output. ConfigError for other outputs."""
         self._channels = tuple(layout.channels)
         outputs = [name for name in OUTPUTS if name in self._channels]
-        if layout.interval_ms != SAMPLE_MS:
-            text = f"this one's layout says {layout.interval_ms:g} ms"
-            raise ConfigError(f"a simulated unit with several outputs sends every {SAMPLE_MS:g} ms; {text}")
         given = dict(simulation or {})
         if wrong := given.keys() - {*outputs}:
             text = f"it has {', '.join(outputs)}"
             raise ConfigError(f"simulation: {', '.join(sorted(wrong))} is not an output of this unit; {text}")
+        self._rate_hz = 1e3 / layout.interval_ms
         self._axes = {
             name: Resonator(
                 UnitSettings.parse(given[name]) if name in given else default_unit(),
                 seed + 101 * place,
+                self._rate_hz,
                 power=replace(power, seed=(power.seed or 0) + 101 * place),
             )
             for place, name in enumerate(outputs)
@@ -47,6 +45,7 @@ class Axes:
 
     def advance(self, environment: Environment) -> dict[str, FloatArray]:
         """Values (n,) of all channels, in their units."""
+        environment = replace(environment, rate_hz=self._rate_hz)
         still = replace(environment, applied_rate_dps=(0.0, 0.0))
         found, values = {}, {}
         for name, axis in self._axes.items():

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from drivers.sim.cia402_table import SimulatedTable
 
@@ -36,6 +35,8 @@ class SimulatedFixture:
         moves = any(abs(axis.rate_dps) > _MOVES_DPS for axis in self.axes)
         self.visit += moves and not self._moves
         self._moves = moves
+        from scipy.spatial.transform import Rotation  # 0.2 s of imports, which only a fixture needs
+
         turned = Rotation.identity()
         for axis, direction in zip(self.axes, self._directions, strict=True):
             turned = turned * Rotation.from_rotvec(np.radians(round(axis.angle_deg, _DIGITS)) * direction)

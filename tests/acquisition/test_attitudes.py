@@ -18,7 +18,8 @@ from bench.acquisition.station.fixture import LOOK_S, Fixture
 from bench.acquisition.station.settings.fixture import FixtureSettings
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import Document, InputError, load_config, parse_yaml, read_yaml
-from bench.record import ATTITUDES, ExecutedSegment, RunFolder, read_samples, seconds_of
+from bench.record import ATTITUDES, ExecutedSegment, RunFolder, seconds_of
+from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from tests.support import acquisition
 

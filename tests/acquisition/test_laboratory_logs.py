@@ -23,11 +23,11 @@ import pytest
 import scipy.io
 from click.testing import CliRunner
 
-from bench.acquisition.importer.plan import plan_import
 from bench.analysis import analyse, load_model
 from bench.base import InputError
 from bench.cli import main
 from bench.record import CalibrationRecord
+from tests.support.tables import imported
 
 ROOT = Path(__file__).parents[2]
 DBC = ROOT / "drivers" / "gyros" / "vibratory.dbc"
@@ -251,7 +251,7 @@ def test_a_log_is_imported_with_the_numbers_that_another_program_reads(tmp_path:
     assert log.peer is not None
     time, rate, degc = log.peer(path)
     assert time.size == ROWS
-    plan = plan_import(path, dbc=DBC if path.suffix == ".blf" else None)
+    plan = imported(path, dbc=DBC if path.suffix == ".blf" else None)
     np.testing.assert_allclose(plan.time, time, rtol=0, atol=1e-6)
     np.testing.assert_allclose(plan.channels["rate"], rate, rtol=1e-13, atol=1e-9)
     np.testing.assert_allclose(plan.channels["temperature"], degc, rtol=0, atol=1e-9)
@@ -262,7 +262,7 @@ def test_a_log_that_is_refused_is_one_line_that_says_what_to_do(tmp_path: Path, 
     path = tmp_path / log.name
     log.write(path)
     with pytest.raises(InputError) as caught:
-        plan_import(path)
+        imported(path)
     said = str(caught.value)
     assert "\n" not in said
     assert str(path) in said

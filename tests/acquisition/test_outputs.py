@@ -63,6 +63,27 @@ def runs(tmp_path_factory):
     return [unit.run for unit in result.units]
 
 
+def test_a_simulated_unit_sends_as_often_as_its_layout_says(tmp_path):
+    at = {"id": 0x120, "type": "signed", "length": 32}
+    signals = {
+        "rate": {**at, "start": 0, "scale": 1e-6, "unit": "deg/s"},
+        "temperature": {**at, "start": 32, "length": 16, "scale": 0.01, "unit": "degC"},
+        "counter": {"id": 0x120, "start": 48, "length": 16},
+        "cycle_ms": 40,
+    }
+    noise = {"angle_random_walk": 0.3, "bias_instability": 0.0, "rate_random_walk": 0.0}
+    simulation = {"rate": {"truth": [], "noise": noise}}
+    unit = {"serial": "SLOW-1", "bus": "can0", "number": 0, "signals": signals, "simulation": simulation}
+    text = "name: still\nsegments:\n  - {kind: soak, duration_min: 2}\n"
+    result = run_job(acquisition.job(tmp_path, text, station([unit])))
+    assert result.error is None
+    run = result.run
+    data = read_samples(run.data, "time", "rate")
+    assert np.diff(data["time"]) == pytest.approx(0.04)
+    assert len(data["time"]) == pytest.approx(25 * run.manifest().duration_s, abs=25)
+    assert np.nanstd(data["rate"]) == pytest.approx(0.3 * 60 * np.sqrt(25), rel=0.1)  # N in deg/sqrt(h)
+
+
 def test_six_outputs_of_four_units_on_two_buses_are_captured_whole(runs):
     for run in runs:
         manifest, data = run.manifest(), read_samples(run.data)

@@ -21,6 +21,7 @@ from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
 from bench.cli.rendering import lines
 from bench.commands.results.analyse import Diagnosed
+from bench.deliver.report.sections_diagnosis import _advice
 from bench.record.dataset import Dataset
 from tests.support.analysis_data import LEGS, thermal_cycle, white, with_bias
 from tests.support.hidden_runs import INTERVAL_S, NOISE, HiddenUnit, hidden_run
@@ -236,7 +237,13 @@ def test_rivals_that_one_rate_cannot_tell_apart_are_mutual_and_get_a_next_experi
     assert best.look_alikes
     for rival in (s for s in answer.suspects if s.effect in best.look_alikes):
         assert best.effect in rival.look_alikes
-    assert next_experiment(answer, [run], static=still) is not None
+    proposal = next_experiment(answer, [run], static=still).to_json("next.yaml")
+    for decides in (True, False):  # a run that would not decide is not proposed
+        told = replace(answer, next_experiment={**proposal, "decides": decides})
+        said = [line for line in lines(Diagnosed(told)) if isinstance(line, str)]
+        shown = _advice(SimpleNamespace(run=SimpleNamespace(path="r"), models=()), replace(told, suspects=()))
+        assert proposal["why"] in said
+        assert [("bench run next.yaml" in text) for text in ("\n".join(said), shown)] == [decides, decides]
 
 
 def test_the_answer_is_the_json_that_the_command_promises(still):

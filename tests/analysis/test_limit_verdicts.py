@@ -12,13 +12,14 @@ import pytest
 from bench.analysis.judging import limits
 from bench.analysis.judging.analysis import Analysis
 from bench.analysis.judging.judge import judged_by
-from bench.analysis.judging.limits import Limit, Limits, Verdict, judge_limits
+from bench.analysis.judging.limits import Limit, Limits, judge_limits
 from bench.analysis.judging.quantities import quantities
 from bench.analysis.judging.quantity import MEANING, Quantity, QuantityName
 from bench.analysis.judging.validity import refusals
 from bench.base.errors import InputError
 from bench.cli import rendering
 from bench.commands.analysis import report
+from bench.record import Verdict
 from tests.support.report_runs import looped, quick
 from tests.support.run_folders import make_run, ramp_run
 

@@ -1,6 +1,9 @@
 """The commands as seen by a user: exit codes, one line for bad input, one JSON object on stdout."""
 
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +20,12 @@ def run_folder(tmp_path_factory):
     return make_run(tmp_path_factory.mktemp("run") / "r1", **ramp_run())
 
 
+LEGS = [
+    ("up", "ramp", 60.0, 2.0),
+    ("down", "ramp", 0.0, 2.0),
+    ("back", "ramp", 25.0, 2.0),
+    ("still", "soak", 25.0, 1800.0),
+]
 PROFILE = """
 name: tiny
 segments:
@@ -170,25 +179,21 @@ def test_a_diagnosis_of_a_run_without_a_soak_says_what_to_record_and_shows_no_na
 
 
 @pytest.mark.slow
-def test_every_command_reads_the_same_noise_floor_from_a_run(run_folder):
-    commands = ("compare", "diagnose", "report")
-    answers = [json.loads(bench(name, run_folder, "--model", "polynomial", "--json").stdout) for name in commands]
-    assert answers[0]["floor_dph"] > 0.0
-    assert [answer["floor_dph"] for answer in answers] == 3 * [answers[0]["floor_dph"]]
-    assert json.loads((run_folder / "diagnosis.json").read_text())["floor_dph"] == answers[0]["floor_dph"]
-
-
-@pytest.mark.slow
 def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tmp_path):
-    run = make_run(tmp_path / "r", **ramp_run())
+    run = make_run(tmp_path / "r", **ramp_run(LEGS))
     static = make_run(tmp_path / "s", **ramp_run([("soak at 25", "soak", 25.0, 5400.0)], seed=2))
     told = json.loads(bench("diagnose", run, "--static", static, "--model", "polynomial", "--json").stdout)
     assert told["static"] == "s"
 
-    warned = json.loads(bench("report", run, "--model", "polynomial", "--json").stdout)["warnings"]
+    alone = json.loads(bench("report", run, "--model", "polynomial", "--json").stdout)
     assert any(
-        "also made with s, the new one was not; the former is kept as diagnosis-before.json" in text for text in warned
+        "also made with s, the new one was not; the former is kept as diagnosis-before.json" in text
+        for text in alone["warnings"]
     )
+    floors = [json.loads((run / "diagnosis.json").read_text())["floor_dph"], alone["floor_dph"]]
+    floors.append(json.loads(bench("compare", run, "--model", "polynomial", "--json").stdout)["floor_dph"])
+    assert floors == 3 * [floors[0]], "every command reads the same noise floor from a run"
+    assert floors[0] > 0.0
     before = json.loads((run / "diagnosis-before.json").read_text())
     assert before == {"format": 1, **told}
     assert "Made from r with no isothermal run" in (run / "report.html").read_text()
@@ -258,3 +263,34 @@ def test_who_imported_a_table_is_on_record(tmp_path):
     assert made.exit_code == 0
     (run,) = json.loads(bench("registry", "list", "--out", tmp_path / "reports", "--json").stdout)["runs"]
     assert run["operator"] == user_name()
+
+
+WAITS = """
+import tempfile
+from bench.cli import main
+
+@main.command()
+def wait():
+    with tempfile.TemporaryDirectory() as folder:
+        print(folder, flush=True)
+        input()
+
+main()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="ends a process by a signal")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, 1)])
+def test_a_command_that_is_ended_removes_its_temporary_files(number, code):
+    before = signal.getsignal(signal.SIGTERM)
+    assert bench("effects").exit_code == 0
+    assert signal.getsignal(signal.SIGTERM) is before, "a program that calls the bench keeps its own signals"
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [sys.executable, "-c", WAITS, "wait"], stdin=pipe, stdout=pipe, stderr=pipe, text=True
+    ) as command:
+        folder = Path(command.stdout.readline().strip())
+        assert folder.is_dir()
+        command.send_signal(number)
+        assert command.wait() == code
+    assert not folder.exists()

@@ -39,6 +39,12 @@ segments:
   - {kind: ramp, to_degc: 30, rate_degc_per_min: 2}
   - {kind: soak, duration_min: 1}
 """
+LEGS = [
+    ("up", "ramp", 60.0, 2.0),
+    ("down", "ramp", 0.0, 2.0),
+    ("back", "ramp", 25.0, 2.0),
+    ("still", "soak", 25.0, 1800.0),
+]
 REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_out_by floor_dph bias_span_dph
     uncompensated_rms_dph samples missing_samples losses left_out admissible gaps warnings diagnosis report state
     notes views registry"""
@@ -102,7 +108,7 @@ def places(tmp_path_factory):
     profile.write_text(PROFILE)
     rows = "\n".join(f"{t},{10 + t / 100},{20 + t / 50}" for t in range(400))
     table.write_text(f"time,rate,temperature\n{rows}\n")
-    run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1")
+    run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(LEGS), unit="U-1", run="r1")
     (root / "out").mkdir()
     CliRunner().invoke(main, ["report", str(run), "--model", "polynomial"])
     CliRunner().invoke(main, ["registry", "rebuild", "--out", str(root / "reports")])

@@ -16,7 +16,6 @@ from bench.analysis.effects.model import Model
 from bench.analysis.effects.registry import make
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.judging.change import Figures
-from bench.analysis.judging.limits import Verdict
 from bench.analysis.judging.verification import refuse_same_profile, verify
 from bench.base import EquipmentError, InputError, read_yaml
 from bench.cli import main
@@ -25,7 +24,7 @@ from bench.commands.flash_source import Calibration, from_file, from_run, newest
 from bench.commands.flash_unit import AlreadyThereError, flash, flash_previous, objection
 from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words
-from bench.record import FlashRecord
+from bench.record import FlashRecord, Verdict
 from bench.record.dataset import load
 from drivers.errors import IdentityError, LinkError, RefusedError
 from drivers.flash_objects import Memory

@@ -322,7 +322,7 @@ def judged(made, tmp_path, content, run="check"):
         ({"verdict": "INVALID", "refusals": ["the run is 'aborted'"]}, "is INVALID: the run is 'aborted'; verify"),
         ({"verdict": "INVALID", "limits": {"refusals": ["no floor"]}}, "is INVALID: no floor; verify"),
         ({"verdict": "INVALID"}, "is INVALID: a required value does not exist"),
-        ({"verdict": "GOOD"}, "holds the verdict 'GOOD', which does not exist"),
+        ({"verdict": "GOOD"}, "verdict is \"GOOD\": input should be 'PASS'"),
         ("{", "is not valid JSON"),
     ],
 )

@@ -13,8 +13,8 @@ from drivers.canopen_table import CanopenTable
 from drivers.clock import SimClock
 from drivers.errors import ConfigError, IdentityError, LimitError, LinkError, ReadBackError, RefusedError
 from drivers.rate_table import TableLimits
-from drivers.sim.aerosmith import SimulatedAerosmith
 from drivers.sim.cia402_table import SimulatedTable, TableSettings
+from tests.support.aerosmith import SimulatedAerosmith
 
 LIMITS = TableLimits(rate_dps=200.0, accel_dps2=50.0)
 NODE = 5

@@ -5,6 +5,7 @@ The truth integrates states of its own (`drivers.sim.truth`); nothing here knows
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -97,9 +98,20 @@ def _beyond(record: Mapping[str, FloatArray], rate: FloatArray) -> float:
 def _record(
     truth: Sequence[Mapping[str, Any]], noise: Mapping[str, float], profile: str, seed: int, turns: FloatArray | None
 ) -> dict[str, FloatArray]:
-    """Channels of means over 30 s."""
-    settings = UnitSettings.parse({"truth": list(truth), "noise": dict(noise)})
-    unit, path = Resonator(settings, seed, rate_hz=10.0), _chamber(profile)
+    """Channels of means over 30 s; of a unit that stands still each is made once, for all tests of a process."""
+    unit = json.dumps([list(truth), dict(noise)])
+    return _simulated(unit, profile, seed, turns) if turns is not None else dict(_still(unit, profile, seed))
+
+
+@lru_cache(maxsize=400)
+def _still(unit: str, profile: str, seed: int) -> dict[str, FloatArray]:
+    return _simulated(unit, profile, seed, None)
+
+
+def _simulated(unit: str, profile: str, seed: int, turns: FloatArray | None) -> dict[str, FloatArray]:
+    truth, noise = json.loads(unit)
+    settings = UnitSettings.parse({"truth": truth, "noise": noise})
+    gyro, path = Resonator(settings, seed, rate_hz=10.0), _chamber(profile)
     turned = np.zeros(len(path)) if turns is None else turns
     rows = []
     for i, (before, after) in enumerate(pairwise(path)):
@@ -113,7 +125,7 @@ def _record(
             applied_rate_dps=(float(turned[i]), float(turned[i])),
             rate_hz=10.0,
         )
-        signals = unit.advance(environment)
+        signals = gyro.advance(environment)
         rows.append([float(np.mean(getattr(signals, name))) for name in _CHANNELS])
     means = np.array(rows)
     # Ten samples of the rate follow each of the others: their means are of moments that lie 0.45 s apart.

@@ -1,6 +1,6 @@
 """A table that somebody else recorded, into a run folder; with a preview of what was understood, and refusals.
 
-`plan_import` reads, converts and judges without writing anything; `write_import` makes the run folder from the plan.
+`plan_table` converts and judges without writing anything; `write_import` makes the run folder from the plan.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from bench.acquisition.importer.branches import Branch, find_branches, segment_o
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
 from bench.acquisition.importer.table import Table
-from bench.acquisition.importer.tables import read_table
 from bench.base import CHANNELS, RATES, THERMOMETERS, FloatArray, InputError, __version__, dump, load_config
 from bench.record import (
     EVENTS,
@@ -106,14 +105,6 @@ class ImportPlan:
 def load_columns(path: Path | str) -> ColumnMap:
     """Column map from its YAML file; InputError with file and line."""
     return load_config(path, ColumnMap)
-
-
-def plan_import(
-    path: Path | str, columns: ColumnMap | None = None, serial: str = "unknown", dbc: Path | str | None = None
-) -> ImportPlan:
-    """Read and judge a table; InputError, one line with file and line number, when it cannot become a run."""
-    columns = columns or ColumnMap()
-    return plan_table(read_table(path, dbc, encoding=columns.encoding), columns, serial)
 
 
 def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:

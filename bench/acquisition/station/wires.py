@@ -20,7 +20,6 @@ from drivers.layout import Layout, layout_of
 from drivers.modbus import unknown_host
 from drivers.register import ORDER_ASSUMED
 from drivers.registers import map_text, parse_map
-from drivers.sim.axes import SAMPLE_MS as SIMULATED_MS
 from drivers.wire import Message, load_dbc
 
 BITS_PER_BYTE = 10
@@ -59,7 +58,7 @@ def wire_findings(
             cycles = [(one.length, one.cycle_ms or layout.interval_ms) for one in messages]
             bits_per_s[unit.bus] += sum(BITS_PER_BYTE * length / ms * 1e3 for length, ms in cycles)
         own = unit.serial in sent or not station.simulated
-        for finding in (*_unit(unit, layout, messages, bus), *(() if own else _simulated(station, unit, layout))):
+        for finding in (*_unit(unit, layout, messages, bus), *(() if own else _simulated(station, unit))):
             yield _placed(replace(finding, text=f"unit {unit.serial}: {finding.text}"), place)
     for name, bus in station.buses.items():
         place = station.place("buses", name)
@@ -142,12 +141,8 @@ def _unit(unit: UnitSettings, layout: Layout, messages: Sequence[Message], bus: 
         yield Finding("error", f"{text}; state `fd: true` for it")
 
 
-def _simulated(station: StationSettings, unit: UnitSettings, layout: Layout) -> Iterator[Finding]:
+def _simulated(station: StationSettings, unit: UnitSettings) -> Iterator[Finding]:
     """Whether the simulator can be this unit."""
-    if layout.interval_ms != SIMULATED_MS and "imu" not in (unit.simulation or {}):
-        text = f"its layout says a sample every {layout.interval_ms:g} ms; a simulated one sends"
-        yield Finding("error", f"{text} every {SIMULATED_MS:g} ms")
-        return
     try:
         try_unit(station, unit)
     except ConfigError as error:

@@ -22,7 +22,6 @@ _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _MOST_DEGREE = 2  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
-_LEAST_RUN_S = 30.0
 _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
             *(name for name in INSTRUMENTS[1:] if "temperature" not in name))  # fmt: skip
 """Not thermometers: each would be a look-alike of the unit's own."""

@@ -10,61 +10,26 @@ Separated by: several rates of both signs at one temperature.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.effects.base import Effect, Scale, Theta, check_choice, check_whole
-from bench.base import DPH_PER_DPS, FloatArray
-from bench.record import Dataset
-
-_UNITS = ("", "ppm", "ppm per deg/s", "ppm per (deg/s)^2")
+from bench.analysis.effects.scale_factor import ScaleFactor
+from bench.base import FloatArray
 
 
 @dataclass(frozen=True)
-class ScaleFactorNonlinearity(Effect):
+class ScaleFactorNonlinearity(ScaleFactor):
     """Powers of the applied rate; `order` 2 or 3, `constant` true or false."""
 
     name = "scale_factor_nonlinearity"
     needs = ("applied_rate",)
+    letter, units, first = "c", ("", "ppm", "ppm per deg/s", "ppm per (deg/s)^2"), 1
 
     order: int = 3
-    constant: bool = True
 
-    def __post_init__(self) -> None:
-        check_whole(self.name, "order", self.order, 2, 3)
-        check_choice(self.name, "constant", self.constant, (True, False))
-
-    def prepare(self, records: Sequence[Dataset]) -> ScaleFactorNonlinearity:
-        """Checks that the table turned."""
-        Scale.of(records, "applied_rate")
-        return self
-
-    @property
-    def shared(self) -> str:
-        """The constant of the scale factor."""
-        return "scale factor" if self.constant else ""
-
-    def without_shared(self) -> Effect:
-        """Without the constant."""
-        return replace(self, constant=False)
-
-    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
-        """Bias per coefficient (n, k) [deg/h]."""
-        powers = (record.mean_of(partial(_power, power), "applied_rate") for power in self._powers)
-        return np.column_stack([1e-6 * DPH_PER_DPS * each for each in powers])
-
-    @property
-    def amplitudes(self) -> tuple[tuple[str, str], ...]:
-        """c1, c2, c3."""
-        return tuple((f"c{power}", _UNITS[power]) for power in self._powers)
-
-    @property
-    def _powers(self) -> range:
-        return range(1 if self.constant else 2, self.order + 1)
-
-
-def _power(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
-    return np.asarray(channels["applied_rate"] ** power)
+    @staticmethod
+    def term(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
+        """A power of the rate."""
+        return np.asarray(channels["applied_rate"] ** power)

@@ -10,66 +10,30 @@ Separated by: plus and minus the same rate at each temperature: the odd part is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.base import REFERENCE_DEGC, Effect, Scale, Theta, check_choice, check_whole
-from bench.base import DPH_PER_DPS, FloatArray
-from bench.record import Dataset
-
-_UNITS = ("ppm", "ppm/degC", "ppm/degC^2")
+from bench.analysis.effects.base import REFERENCE_DEGC
+from bench.analysis.effects.scale_factor import ScaleFactor
+from bench.base import FloatArray
 
 
 @dataclass(frozen=True)
-class ScaleFactorTemperature(Effect):
+class ScaleFactorTemperature(ScaleFactor):
     """Applied rate times a polynomial in temperature; `order` 1 or 2, `constant` true or false."""
 
     name = "scale_factor_temperature"
     needs = ("applied_rate", "temperature")
-
-    order: int = 2
-    constant: bool = True
-
-    def __post_init__(self) -> None:
-        check_whole(self.name, "order", self.order, 1, 2)
-        check_choice(self.name, "constant", self.constant, (True, False))
-
-    def prepare(self, records: Sequence[Dataset]) -> ScaleFactorTemperature:
-        """Checks that the table turned."""
-        Scale.of(records, "applied_rate")
-        return self
-
-    @property
-    def shared(self) -> str:
-        """The constant of the scale factor."""
-        return "scale factor" if self.constant else ""
-
-    def without_shared(self) -> Effect:
-        """Without the constant."""
-        return replace(self, constant=False)
-
-    def columns(self, record: Dataset, theta: Theta) -> FloatArray:
-        """Bias per ppm (n, k) [deg/h]."""
-        products = (record.mean_of(partial(_product, power), "applied_rate", "temperature") for power in self._powers)
-        return np.column_stack([1e-6 * DPH_PER_DPS * each for each in products])
-
-    @property
-    def amplitudes(self) -> tuple[tuple[str, str], ...]:
-        """s0, s1, s2."""
-        return tuple((f"s{power}", _UNITS[power]) for power in self._powers)
+    letter, units, first = "s", ("ppm", "ppm/degC", "ppm/degC^2"), 0
 
     def state(self) -> dict[str, Any]:
         """Reference temperature [degC]."""
         return {"reference_degc": REFERENCE_DEGC}
 
-    @property
-    def _powers(self) -> range:
-        return range(0 if self.constant else 1, self.order + 1)
-
-
-def _product(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
-    return np.asarray(channels["applied_rate"] * (channels["temperature"] - REFERENCE_DEGC) ** power)
+    @staticmethod
+    def term(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
+        """The rate times a power of the temperature."""
+        return np.asarray(channels["applied_rate"] * (channels["temperature"] - REFERENCE_DEGC) ** power)

@@ -18,7 +18,7 @@ from bench.analysis.imu.curves import TriadCurves
 from bench.analysis.imu.rows import ImuRows
 from bench.analysis.imu.stored import curves_of
 from bench.analysis.imu.triad import Triad
-from bench.analysis.judging.limits import Limits, Verdict, judge_limits
+from bench.analysis.judging.limits import Limits, judge_limits
 from bench.analysis.judging.quantity import COVERAGE, Quantity
 from bench.analysis.noise.whitening import Ratios, covariance
 from bench.analysis.thresholds import VERIFIED_RATIO
@@ -32,6 +32,7 @@ from bench.record import (
     ImuVerificationRecord,
     Judged,
     StoredQuantity,
+    Verdict,
 )
 
 NEW_DEG = 5.0

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +24,7 @@ from pydantic import BaseModel, Field, model_validator
 from bench.analysis.judging.expressed import Expressed, Measurements, expressed
 from bench.analysis.judging.quantity import COVERAGE, MEANING, Quantity, QuantityName
 from bench.base import STRICT, Document, InputError, PlacedError, load_config
+from bench.record import Verdict
 
 PROBABILITY = 0.95
 DECISION_RULE = (
@@ -32,25 +32,6 @@ DECISION_RULE = (
     "within the limits and the marginal band is kept; MARGINAL when only the value is; FAIL when the value is outside; "
     "INVALID when no admissible value exists. Risk that a PASS is outside a limit: at most 2.5 %."
 )
-
-
-class Verdict(StrEnum):
-    """The words, best first."""
-
-    PASS = "PASS"
-    MARGINAL = "MARGINAL"
-    FAIL = "FAIL"
-    INVALID = "INVALID"
-
-    @property
-    def within(self) -> bool:
-        """Whether the unit may go on."""
-        return self in {Verdict.PASS, Verdict.MARGINAL}
-
-    @property
-    def judged(self) -> bool:
-        """Whether this tells something of the unit: an invalid run neither passes nor rejects it."""
-        return self is not Verdict.INVALID
 
 
 class Limit(BaseModel):

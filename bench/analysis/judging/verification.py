@@ -17,13 +17,13 @@ from bench.analysis.diagnosis.compare import HeldOut, error_of
 from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness
 from bench.analysis.judging.expressed import Measurements
-from bench.analysis.judging.limits import Limits, Verdict, judge_limits
+from bench.analysis.judging.limits import Limits, judge_limits
 from bench.analysis.judging.quantities import of_data
 from bench.analysis.judging.quantity import Quantity
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
 from bench.base import Document, InputError, finite, read_yaml
-from bench.record import CalibrationRecord, Dataset, RunFolder, VerificationRecord, averaged, seconds_of, use
+from bench.record import CalibrationRecord, Dataset, RunFolder, Verdict, VerificationRecord, averaged, seconds_of, use
 
 _NAMING = {"name", "description"}
 _MEASURED = {

@@ -8,10 +8,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from sqlalchemy import func, select
 
-from bench.analysis import Verdict
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
 from bench.base import IntArray
+from bench.record import Verdict
 
 Standing = Literal["pass", "fail", "unjudged", "uncalibrated"]
 _STANDINGS: tuple[Standing, ...] = get_args(Standing)

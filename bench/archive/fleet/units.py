@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 from sqlalchemy import case, func, select
 
-from bench.analysis import Limits, Quantity, Verdict, judge_limits
+from bench.analysis import Limits, Quantity, judge_limits
 from bench.archive.fleet.selection import Selection, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
 from bench.base import FloatArray, InputError
+from bench.record import Verdict
 
 NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
 """The lot of a unit without a recorded lot is its serial without the number at the end."""

@@ -299,11 +299,9 @@ def _(result: Decided) -> dict[str, Any]:
 
 def _next(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.next_experiment:
-        command = f"bench run {diagnosis.next_experiment['profile']}"
-        why = str(diagnosis.next_experiment["why"])
-        yield from (
-            (f"next: {command}", why) if diagnosis.next_experiment["decides"] else (why, f"the best of them: {command}")
-        )
+        if diagnosis.next_experiment["decides"]:
+            yield f"next: bench run {diagnosis.next_experiment['profile']}"
+        yield str(diagnosis.next_experiment["why"])
 
 
 def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import State
 from bench.base import in_own, say, verdict_word
 from bench.cli.rendering.printing import content, lines, number, table, unit_text
 from bench.commands import (
@@ -117,7 +116,7 @@ def _covered(known: Mapping[str, Any]) -> str:
 @content.register(Certified)
 def _(result: Certified) -> dict[str, Any]:
     keys = ("number", "verdict", "issued", "as_found", "as_left", "simulated", "draft")
-    known = {key: result.facts[key] for key in keys}
+    known = {key: result.facts[key] for key in keys if key in result.facts}
     return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), "xml": str(result.xml), **known}
 
 
@@ -168,6 +167,8 @@ def _(result: Verified) -> Iterator[str | Table]:
         yield f"bench: {result.error}"
         return
     verification = result.verification
+    from bench.analysis import State
+
     change = verification.change
     before, after = change.before or State(None, None), change.after
     interval_s = next(one.interval_s for one in (after.rest, after.turning) if one)

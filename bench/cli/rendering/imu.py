@@ -145,9 +145,3 @@ def _(result: ImuCertified) -> Iterator[str]:
         yield f"signed by {facts['signer']['subject']}"
     yield ""
     yield from (f"{name:<6}{path}" for name, path in (("pdf", result.pdf), ("xml", result.xml), ("json", result.json)))
-
-
-@content.register(ImuCertified)
-def _(result: ImuCertified) -> dict[str, Any]:
-    known = {key: result.facts[key] for key in ("number", "verdict", "issued", "simulated", "draft")}
-    return {"run": str(result.run), "pdf": str(result.pdf), "json": str(result.json), "xml": str(result.xml), **known}

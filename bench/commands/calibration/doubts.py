@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.commands.calibration.job import Case
 from bench.commands.calibration.plan import Action, Policy
-from bench.record import DiagnosisRecord
+from bench.record import DiagnosisRecord, Verdict
 
 _DOUBTED = {"missing_effect", "unknown_effect", "undecided"}
 
@@ -63,7 +63,7 @@ def judged(content: Mapping[str, Any]) -> tuple[Case, ...]:
         unit = "" if result["unit"] == "1" else f" {result['unit']}"
         value = result["reason"] if result["value"] is None else f"{result['value']:.6g}{unit}"
         text = f"{word or 'not measured'}: {value}, limits {_bound(result['lower'])} to {_bound(result['upper'])}{unit}"
-        cases.append(Case(result["name"], "" if word in {"PASS", "MARGINAL", None} else word, word is None, text))
+        cases.append(Case(result["name"], "" if word is None or Verdict(word).within else word, word is None, text))
     return tuple(cases)
 
 

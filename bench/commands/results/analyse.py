@@ -331,4 +331,4 @@ class ImuVerified(Result):
     @property
     def exit_code(self) -> int:
         """1 outside limits."""
-        return int(self.verification.verdict not in {"PASS", "MARGINAL"})
+        return int(not self.verification.verdict.within)

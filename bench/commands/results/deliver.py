@@ -54,12 +54,14 @@ class Certified(Result):
     json: Path
     xml: Path
     facts: Mapping[str, Any]
-    within: bool
 
     @property
     def exit_code(self) -> int:
-        """1 outside limits."""
-        return int(not self.within)
+        """1 where what it certifies is outside limits."""
+        from bench.record import Verdict
+
+        verdict = self.facts["verdict"]
+        return int(verdict is not None and not Verdict(verdict).within)
 
     @property
     def runs(self) -> tuple[Path, ...]:
@@ -67,20 +69,13 @@ class Certified(Result):
         return (self.run,)
 
 
-@dataclass(frozen=True)
-class ImuCertified(Result):
-    """A certificate of a whole inertial unit; `facts` are what it says."""
-
-    run: Path
-    pdf: Path
-    json: Path
-    xml: Path
-    facts: Mapping[str, Any]
+class ImuCertified(Certified):
+    """A certificate of a whole inertial unit."""
 
     @property
-    def exit_code(self) -> int:
-        """1 where its verification failed."""
-        return int(self.facts["verdict"] not in {None, "PASS", "MARGINAL"})
+    def runs(self) -> tuple[Path, ...]:
+        """None: its folder is no run."""
+        return ()
 
 
 @dataclass(frozen=True)

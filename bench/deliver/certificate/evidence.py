@@ -24,7 +24,6 @@ from bench.analysis import (
     Measurements,
     Quantity,
     Source,
-    Verdict,
     completeness,
     error_of,
     judge_limits,
@@ -41,6 +40,7 @@ from bench.record import (
     FlashRecord,
     Manifest,
     RunFolder,
+    Verdict,
     VerificationRecord,
     averaged,
     load,
@@ -268,16 +268,11 @@ def _verdict_of(folder: Path) -> Verdict | None:
     record = VerificationRecord.find(folder)
     if record is None:
         return None
-    if record.verdict not in set(Verdict):
-        raise InputError(
-            f"holds the verdict '{record.verdict}', which does not exist; {record.ADVICE}", folder / record.FILE
-        )
-    verdict = Verdict(record.verdict)
-    if verdict is Verdict.INVALID:
+    if record.verdict is Verdict.INVALID:
         reasons = record.refusals or (record.limits.refusals if record.limits else ())
         why = next(iter(reasons), "a required value does not exist")
         _refuse(folder, [f"the verification is INVALID: {why}; verify again"])
-    return verdict
+    return record.verdict
 
 
 def _coverage(record: Dataset, source: Source) -> Coverage:

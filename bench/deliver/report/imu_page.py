@@ -52,7 +52,7 @@ def render_imu(record: ImuRecord, verified: ImuVerificationRecord | None = None)
 
 def _verdict(record: ImuRecord, verified: ImuVerificationRecord | None) -> _Word:
     parts = []
-    if verified is not None and verified.verdict not in {"PASS", "MARGINAL"}:
+    if verified is not None and not verified.verdict.within:
         parts.append(f"the verification is {verified.verdict}")
     if record.findings:
         causes = list(dict.fromkeys(f"{f.cause.replace('_', ' ')} ({f.where})" for f in record.findings))

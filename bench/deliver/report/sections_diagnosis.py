@@ -82,10 +82,10 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
     parts = Markup()
     if answer.next_experiment:
         why, profile = answer.next_experiment["why"], answer.next_experiment["profile"]
-        said = (
-            f"This run would decide: {why}." if answer.next_experiment.get("decides", True) else f"Undecidable: {why}."
-        )
-        parts += paragraph(said) + commands([f"bench run {profile}"])
+        if answer.next_experiment.get("decides", True):
+            parts += paragraph(f"This run would decide: {why}.") + commands([f"bench run {profile}"])
+        else:
+            parts += paragraph(f"Undecidable: {why}.")
     if lines:
         words = "Add it and check the error on a run that was not used for the fit:"
         lines.append(f"bench compare {run} --check ANOTHER_RUN --model {_source(analysis, answer.model.name)} "

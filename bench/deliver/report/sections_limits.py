@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from bench.analysis import DECISION_RULE, Analysis, Result, Verdict
+from bench.analysis import DECISION_RULE, Analysis, Result
 from bench.base import finite, in_print, measured, number
 from bench.deliver.report.markup import Row, Section, lead, paragraph, table
+from bench.record import Verdict
 
 _TONES = {Verdict.FAIL: "bad", Verdict.INVALID: "bad"}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from bench.record.records.calibration import StoredQuantity
+from bench.record.records.judged import Verdict
 from bench.record.records.stored import Record
 
 
@@ -24,7 +25,7 @@ class CertificateRecord(Record):
     amends: dict[str, str | None] | None = None
     """Number, day, hash and reason of the certificate that it replaces."""
     issued: str | None = None
-    verdict: str | None = None
+    verdict: Verdict | None = None
     operator: str | None = None
     item: dict[str, Any] | None = None
     calibrated: str | None = None

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from bench.base import InputError
 from bench.record.records.calibration import StoredQuantity
-from bench.record.records.judged import Judged
+from bench.record.records.judged import Judged, Verdict
 from bench.record.records.stored import Record, Stored
 
 Three = tuple[float, float, float]
@@ -203,8 +203,7 @@ class ImuVerificationRecord(Record):
     created: str
     sources: tuple[ImuSource, ...] = ()
     """Data and plan."""
-    verdict: str
-    """PASS, MARGINAL or FAIL."""
+    verdict: Verdict
     rows: int
     """Judged."""
     stays: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Any, ClassVar
 
 from pydantic import Field
@@ -9,6 +10,25 @@ from pydantic import Field
 from bench.record.records.calibration import StoredQuantity
 from bench.record.records.manifest import UnitIdentity
 from bench.record.records.stored import Record, Stored
+
+
+class Verdict(StrEnum):
+    """The words, best first."""
+
+    PASS = "PASS"
+    MARGINAL = "MARGINAL"
+    FAIL = "FAIL"
+    INVALID = "INVALID"
+
+    @property
+    def within(self) -> bool:
+        """Whether the unit may go on."""
+        return self in {Verdict.PASS, Verdict.MARGINAL}
+
+    @property
+    def judged(self) -> bool:
+        """Whether this tells something of the unit: an invalid run neither passes nor rejects it."""
+        return self is not Verdict.INVALID
 
 
 class JudgedQuantity(StoredQuantity):
@@ -22,7 +42,7 @@ class JudgedQuantity(StoredQuantity):
     """By which the limits compute it; null for a quantity of the bench."""
     why: str = ""
     """Why this limit."""
-    verdict: str | None = None
+    verdict: Verdict | None = None
 
 
 class Judged(Stored):
@@ -30,8 +50,7 @@ class Judged(Stored):
 
     name: str | None = None
     """Of the specification."""
-    verdict: str | None = None
-    """PASS, MARGINAL, FAIL or INVALID."""
+    verdict: Verdict | None = None
     decision_rule: str = ""
     coverage_factor: float | None = None
     coverage_probability: float | None = None
@@ -61,7 +80,7 @@ class VerificationRecord(Record):
     run: str = ""
     profile: str = ""
     created: str = ""
-    verdict: str
+    verdict: Verdict
     before: dict[str, float] | None = None
     """Figures at rest of the raw output in the calibration run [deg/h] …"""
     after: dict[str, float] | None = None

@@ -16,8 +16,6 @@ from bench.record import (
 )
 from bench.web.live.story import sound
 
-_WITHIN = {"PASS", "MARGINAL"}
-
 
 class Steps(BaseModel):
     """The steps that are done, in their order."""
@@ -46,7 +44,7 @@ def steps_of(folder: Path) -> Steps:
         return Steps(
             calibrated=True,
             flashed=flashed is not None and flashed.state == "done",
-            verified=verified is not None and verified.verdict in _WITHIN,
+            verified=verified is not None and verified.verdict.within,
             certified=certificate is not None and not certificate.draft,
         )
     own = sound(VerificationRecord, folder)
@@ -68,4 +66,4 @@ def verifications_of(origin: Path) -> list[Path]:
 
 def _verifies(folder: Path, origin: Path) -> bool:
     found = sound(VerificationRecord, folder) if (folder / VerificationRecord.FILE).is_file() else None
-    return found is not None and found.verdict in _WITHIN and Path(found.calibration_run or "").name == origin.name
+    return found is not None and found.verdict.within and Path(found.calibration_run or "").name == origin.name

@@ -29,12 +29,12 @@ _MODELS = """\
 import tempfile
 
 texts = {texts}
-folder = Path(tempfile.mkdtemp())
 models = []
-for number, text in enumerate(texts):
-    file = folder / f"{{number}}.yaml"
-    file.write_text(text, encoding="utf-8")
-    models.append(bench.load_model(file))"""
+with tempfile.TemporaryDirectory() as folder:
+    for text in texts:
+        file = Path(folder) / "model.yaml"
+        file.write_text(text, encoding="utf-8")
+        models.append(bench.load_model(file))"""
 _COMPARE = """\
 comparison = bench.compare(runs, models, check=check, static=static)
 print(comparison.summary())"""

@@ -42,6 +42,6 @@ export function NextExperiment({ next, unit }) {
     <${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />
     ${next.probability_after !== null && next.probability_after !== undefined && html`<p class="wb-soft">
       ${t("workbench.next.chance", { before: Math.round(100 * (next.probability_before ?? 0)), after: Math.round(100 * next.probability_after) })}</p>`}
-    ${next.plan && html`<p><a class="button primary narrow" href=${`/start${api.query({ plan: next.plan, unit })}`}>${t("workbench.next.run")}</a></p>`}
+    ${next.plan && next.decides && html`<p><a class="button primary narrow" href=${`/start${api.query({ plan: next.plan, unit })}`}>${t("workbench.next.run")}</a></p>`}
   </section>`;
 }

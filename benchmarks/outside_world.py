@@ -1,0 +1,43 @@
+"""What a mechanism outside the catalogue sees of its surroundings, and the two operators that many of them share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.base import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """States (n,) of every second: case and air of the chamber [degC], its switches, and the unit's channels."""
+
+    time: FloatArray
+    case: FloatArray
+    air: FloatArray
+    compressor: FloatArray
+    heater: FloatArray
+    quadrature: FloatArray
+    drive: FloatArray
+    frequency: FloatArray
+    supply: FloatArray
+
+
+Truth = Callable[[World, np.random.Generator], FloatArray]
+
+
+def follows(source: FloatArray, tau_s: float) -> FloatArray:
+    """A node that exchanges heat with a source, by small steps of its own balance."""
+    node, level = np.empty(len(source)), float(source[0])
+    share = 1.0 / tau_s
+    for second, value in enumerate(source.tolist()):
+        level += share * (value - level)
+        node[second] = level
+    return node
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
