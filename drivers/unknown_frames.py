@@ -26,6 +26,7 @@ _WIDEST = 4
 _MORE_BITS = 0.5
 _SCALES = (0.01, 0.1, 0.005, 1.0 / 128.0, 1.0 / 256.0, 0.0625, 1.0)
 """Of thermometers, the usual ones first [degC]."""
+_KELVIN = 273.15
 _POLYNOMIALS = (0x1D, 0x2F, 0x07, 0x31, 0x9B, 0xD5)
 
 
@@ -214,8 +215,8 @@ def _cost(fields: Sequence[Field]) -> tuple[int, float]:
 
 def thermometers(
     found: Sequence[Heard], near_degc: float, within_degc: float = 3.0
-) -> Mapping[tuple[int, int], tuple[Field, float]]:
-    """Numbers of 16 bits that read within `within_degc` of a temperature by a usual scale, which they come with.
+) -> Mapping[tuple[int, int], tuple[Field, float, str]]:
+    """Numbers of 16 bits that read within `within_degc` of a temperature, with the usual scale and unit of that.
 
     By identifier and first byte of the number among the fields.
     """
@@ -223,10 +224,15 @@ def thermometers(
     for one in found:
         for number in one.of_kind("number"):
             for window in sorted(_windows(one, number), key=lambda window: window.big != number.big):
-                steady = (scale for scale in _SCALES if window.scatter * scale < 0.5)
-                near = (scale for scale in steady if abs(window.mean * scale - near_degc) < within_degc)
-                if (scale := next(near, None)) is not None:
-                    plausible[one.id, number.first] = window, scale
+                steady = [scale for scale in _SCALES if window.scatter * scale < 0.5]
+                near = (
+                    (scale, unit)
+                    for unit, zero in (("degC", 0.0), ("K", _KELVIN))
+                    for scale in steady
+                    if abs(window.mean * scale - zero - near_degc) < within_degc
+                )
+                if (known := next(near, None)) is not None:
+                    plausible[one.id, number.first] = window, *known
                     break
     return plausible
 

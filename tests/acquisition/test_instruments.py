@@ -320,7 +320,7 @@ def test_an_instrument_whose_library_does_not_return_is_lost_and_left_behind(stu
         clock.now = lambda: 2.0
         instruments.poll()
         clock.now = lambda: 48.0
-        with pytest.raises(EquipmentError, match="instrument stuck is lost: no answer within 0.4 s"):
+        with pytest.raises(EquipmentError, match=r"instrument stuck is lost: no answer within 0\.4 s"):
             instruments.poll()
         assert [(step.ok, step.detail) for step in instruments.safe()] == [(False, "stuck: no answer within 0.4 s")]
     (left,) = [thread for thread in threading.enumerate() if thread.name == "instrument stuck"]

@@ -24,7 +24,7 @@ LITTLE = {"x": "0|16", "y": "16|16", "z": "32|16", "tick": "48|16", "warm": "0|1
 BIG = {"x": "7|16", "y": "23|16", "z": "39|16", "tick": "55|16", "warm": "7|16", "mode": "23|8", "order": "0"}
 
 
-def frames(places, count=1500):
+def frames(places, count=1500, degc=2340):
     """A fast message with three noisy numbers and a counter, a slow one with a thermometer near 23.4 degC x 100."""
     database = cantools.database.load_string(AXES.format(**places), "dbc")
     random = np.random.default_rng(1)
@@ -34,7 +34,7 @@ def frames(places, count=1500):
         told = dict(zip("XYZ", np.round(axes[k]).astype(int).tolist(), strict=True)) | {"Tick": (k + 65000) & 0xFFFF}
         rows.append((k * 4_000_000, 416, database.encode_message("AXES", told, strict=False)))
         if k % 10 == 0:
-            warm = {"Warm": 2340 + int(random.integers(-3, 4)), "Mode": 5}
+            warm = {"Warm": degc + int(random.integers(-3, 4)), "Mode": 5}
             rows.append((k * 4_000_000 + 7, 512, database.encode_message("SLOW", warm, strict=False)))
     made = np.zeros(len(rows), dtype=frame_type(8))
     for row, (t_ns, identifier, data) in zip(made, rows, strict=True):
@@ -54,8 +54,14 @@ def test_numbers_and_counters_are_found_in_their_byte_order(places, big):
     assert (counter.first, counter.size, counter.big, counter.mean) == (6, 2, big, 1.0)
     data = np.ascontiguousarray(made[made["id"] == 416]["data"])
     np.testing.assert_array_equal(values(data, 2, 2, big=big, signed=True), np.round(axes[:, 1]))
-    (((identifier, _), (field, scale)),) = thermometers((fast, slow), 23.0).items()
-    assert (identifier, field.first, field.size, field.big, scale) == (512, 0, 2, big, 0.01)
+    (((identifier, _), (field, scale, unit)),) = thermometers((fast, slow), 23.0).items()
+    assert (identifier, field.first, field.size, field.big, scale, unit) == (512, 0, 2, big, 0.01, "degC")
+
+
+def test_a_thermometer_in_kelvin_is_found():
+    made, _ = frames(LITTLE, degc=29655)
+    ((_, scale, unit),) = thermometers(heard(made, 6.0), 23.0).values()
+    assert (scale, unit) == (0.01, "K")
 
 
 def test_too_few_frames_tell_nothing():

@@ -297,6 +297,11 @@ def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: 
     if strange:
         text += f", the station file says {unit.identity}"
     found.add(what, "disagrees" if strange or not samples else "agrees", text)
+    step = unit.decoder().counter_step(frames)
+    if step != 1:
+        grows = 0 < step < 1 << decoder.counter_bits - 1
+        advice = f"give it the scale {1 / step:.6g}" if grows else "it counts no samples, leave it out of `signals`"
+        found.add(f"{what} counter", "disagrees", f"grows by {step} from one frame to the next: {advice}")
     if not samples:
         return
     t_s = 1e-9 * (block.t_ns - block.t_ns[0])

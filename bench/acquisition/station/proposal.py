@@ -83,17 +83,18 @@ def _signals(found: Sequence[Heard], air_degc: float | None) -> dict[str, tuple[
         signals[name] = bits, f"raw {field.mean:.6g}, scatter {field.scatter:.3g}, {one.rate_hz:.4g} frames a second"
     if not signals:
         return {}
-    for place, ((identifier, _), (field, scale)) in enumerate(warm.items()):
+    for place, ((identifier, _), (field, scale, unit)) in enumerate(warm.items()):
         one = next(x for x in told if x.id == identifier)
         name = "temperature" if len(warm) == 1 else f"temperature_{place + 1}"
-        seen = f"{CONFIRM}: reads {field.mean * scale:.2f}, the air of the chamber is at {air_degc:.2f} degC"
-        signals[name] = _bits(one, field, scale=scale, unit="degC"), seen
+        seen = f"{CONFIRM}: reads {field.mean * scale:.2f} {unit}, the air of the chamber is at {air_degc:.2f} degC"
+        signals[name] = _bits(one, field, scale=scale, unit=unit), seen
     used = {int(bits["id"]) for bits, _ in signals.values()}
     for one in (x for x in told if x.id in used):
         for field in one.of_kind("counter")[:1]:
             if one in fastest or signals.get("counter 0"):
                 step = f"goes on by {field.mean:g} a frame"
-                signals[f"counter {sum(key.startswith('counter') for key in signals)}"] = _bits(one, field), step
+                bits = _bits(one, field) | ({} if field.mean == 1 else {"scale": float(f"{1 / field.mean:.12g}")})
+                signals[f"counter {sum(key.startswith('counter') for key in signals)}"] = bits, step
     return signals
 
 

@@ -1,6 +1,7 @@
 """A thread that asks one instrument, and that nothing waits for once it is stuck in a foreign library.
 
-Python joins the threads of `concurrent.futures` when it ends: a library that never returns would keep the process alive.
+Python joins the threads of `concurrent.futures` when it ends, and a library that never returns would
+keep the process alive.
 """
 
 from __future__ import annotations
