@@ -2,6 +2,9 @@
 
 import copy
 import json
+import os
+import socket
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from bench.cli import main
 from bench.record import load
 from bench.record.samples import read_samples
 from drivers.framing import Framing
-from drivers.packet_bus import MemoryLine
+from drivers.packet_bus import MemoryLine, PacketBus
 from tests.support import acquisition
 
 CRC = {"width": 16, "poly": 0x1021, "init": 0xFFFF, "order": "big"}
@@ -130,6 +133,14 @@ def test_a_line_that_is_unplugged_is_lost_or_its_gap_counted(tmp_path, monkeypat
     steps = [event["ok"] for event in result.run.events() if event["kind"] == "safe_state" and "ok" in event]
     assert steps
     assert all(steps)
+
+
+def test_a_serial_server_is_asked_whether_it_is_still_there():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        bus = PacketBus(f"socket://127.0.0.1:{server.getsockname()[1]}", Framing("slip", length=8))
+        with closing(server.accept()[0]), socket.socket(fileno=os.dup(bus._line._port.fileno())) as own:
+            assert own.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        bus.shutdown()
 
 
 def test_the_doctor_hears_a_unit_on_a_pty_and_on_udp():
