@@ -28,6 +28,9 @@ from click.testing import CliRunner
 from bench.acquisition.importer.columns import ColumnMap
 from bench.acquisition.importer.plan import plan_import
 from bench.analysis import analyse, load_model
+from bench.analysis.effects.model import model_from
+from bench.analysis.judging.judge import judged_by
+from bench.analysis.judging.limits import load_limits
 from bench.base import InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import CalibrationRecord
@@ -344,6 +347,26 @@ def test_what_was_imported_is_reported_exported_and_certified(tmp_path: Path, lo
     assert (said["verdict"], said["item"]["serial"]) == ("PASS", "LOG-0007")
     assert [one["name"] for one in said["conformity"]["results"]] == ["residual_rms_dph", "hottest"]
     assert (run / "certificate.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_what_an_instrument_measured_is_in_models_and_limits(tmp_path: Path) -> None:
+    humidity = 40 + 10 * np.sin(TIME / 500)
+    table(rate=DPS + 0.5 * (humidity - 40) / 3600, **{"humidity [%]": humidity}).to_csv(
+        tmp_path / "log.csv", index=False
+    )
+    bench("import", tmp_path / "log.csv", "--unit", "LOG-0008", "--out", tmp_path / "reports")
+    (run,) = (tmp_path / "reports" / "LOG-0008").iterdir()
+    effects = [{"polynomial": {"order": 3}}, {"expression": {"formula": "a*humidity"}}]
+    analysis = analyse(run, [model_from({"name": "moist", "effects": effects})], diagnose=False)
+    assert analysis.best is not None
+    (found,) = [one.value for one in analysis.best.fit.coefficients if one.key.startswith("expression")]
+    assert found == pytest.approx(0.5, abs=0.03)
+    wet = {"name": "wettest", "expression": "max(humidity)", "unit": "%", "upper": 45, "reason": "test"}
+    limits = load_limits(parse_yaml(json.dumps({"name": "moist", "limits": [wet]}), "limits.yaml"))
+    judged = judged_by(analysis, limits).judgement
+    assert judged is not None
+    (result,) = judged.results
+    assert (result.verdict, result.quantity.value) == ("FAIL", pytest.approx(50, abs=0.1))
 
 
 def bench(*args: object) -> None:
