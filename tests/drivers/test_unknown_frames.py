@@ -1,10 +1,13 @@
 """Frames that nobody described: what cantools encoded is found again, in either byte order, and nothing else is."""
 
+import struct
+
 import cantools
 import numpy as np
 import pytest
 
 from drivers.can_record import frame_type
+from drivers.framing import Check, Framing
 from drivers.unknown_frames import heard, thermometers, values
 
 AXES = """VERSION ""
@@ -62,6 +65,24 @@ def test_a_thermometer_in_kelvin_is_found():
     made, _ = frames(LITTLE, degc=29655)
     ((_, scale, unit),) = thermometers(heard(made, 6.0), 23.0).values()
     assert (scale, unit) == (0.01, "K")
+
+
+def test_bytes_that_the_framing_knows_are_no_numbers():
+    """Header, counter, a noisy rate of three bytes, a thermometer of two, a status, CRC."""
+    random, framing = np.random.default_rng(1), Framing("header", b"\x7e\xa5", 12, crc=Check(16, 0x1021))
+    made = np.zeros(400, dtype=frame_type(16))
+    for k, row in enumerate(made):
+        rate, warm = int(random.normal(400, 40)), 2970 + int(random.normal(0, 2))
+        packet = struct.pack(">2xHxHHB2x", 2 * k, rate, warm, 1)
+        row["t_ns"], row["len"] = k * 10_000_000, 12
+        row["data"][:12] = np.frombuffer(framing.encode(0, packet), np.uint8)
+    (one,) = heard(made, 4.0, framing)
+    (counter,), numbers = one.of_kind("counter"), one.of_kind("number")
+    assert (counter.first, counter.size, counter.mean) == (2, 2, 2.0)
+    assert max(number.first + number.size for number in numbers) <= 10
+    assert min(number.first for number in numbers) >= 4
+    warm = [(window.first, window.big, scale, unit) for window, scale, unit in thermometers([one], 23.0).values()]
+    assert (7, True, 1 / 128, "degC") in warm
 
 
 def test_too_few_frames_tell_nothing():
