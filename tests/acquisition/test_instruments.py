@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
-from bench.acquisition.station.doctor import examine
+from bench.acquisition.station.doctor import Examination, examine
+from bench.acquisition.station.doctor import _instrument as _instrument_of
 from bench.acquisition.station.instruments import Instruments, switch_off
 from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.instrument import InstrumentSettings
@@ -330,6 +331,12 @@ def test_an_instrument_whose_library_does_not_return_is_lost_and_left_behind(stu
 def test_the_watchdog_goes_on_to_the_chamber_when_a_library_does_not_return(stuck):
     steps = switch_off(station().model_copy(update={"instruments": (stuck,)}))
     assert [(step.ok, step.detail) for step in steps] == [(False, "stuck: no answer within 0.4 s")]
+
+
+def test_the_doctor_goes_on_when_a_library_does_not_return(stuck):
+    found = Examination("station")
+    _instrument_of(found, stuck.model_copy(update={"identifies": True, "address": "socket://127.0.0.1:1"}))
+    assert [(one.verdict, one.detail) for one in found.findings] == [("no link", "stuck: no answer within 0.4 s")]
 
 
 def test_the_watchdog_switches_off_what_a_killed_bench_left_on():

@@ -64,7 +64,7 @@ class Instruments:
         self._noted: dict[str, str] = {}
         for settings in chosen:
             driver = settings.open()
-            worker = _worker(settings, own_thread=isinstance(clock, WallClock))
+            worker = worker_of(settings, own_thread=isinstance(clock, WallClock))
             stack.callback(worker.close, driver.close)
             link = Link(f"instrument {settings.name}", settings.link, journal.event)
             one = _Open(settings, driver, worker, link, due_s=dict.fromkeys(_channels(settings), clock.now() + TICK_S))
@@ -198,13 +198,13 @@ def switch_off(settings: StationSettings) -> list[SafeStep]:
         except DriverError as error:
             steps.append(SafeStep(f"{INSTRUMENT_STEP} {one.name}", False, str(error)))
             continue
-        worker = _worker(one)  # a library that never returns does not keep the chamber from being made safe
+        worker = worker_of(one)  # a library that never returns does not keep the chamber from being made safe
         steps.append(_switch_off(one, worker, driver))
         worker.close(driver.close)
     return steps
 
 
-def _worker(settings: InstrumentSettings, own_thread: bool = True) -> Worker:
+def worker_of(settings: InstrumentSettings, own_thread: bool = True) -> Worker:
     """What asks an instrument."""
     patience_s = (3 + len(settings.read)) * settings.timeout_s + PATIENCE_S
     return Worker(settings.name, Threaded(f"instrument {settings.name}") if own_thread else Now(), patience_s)
