@@ -254,5 +254,6 @@ def _inverse(settings: ImuSettings, data: Triad, force: FloatArray | None) -> Fl
 if __name__ == "__main__":
     from drivers.sim.truth.imu.drawn import drawn
 
+    Path(sys.argv[1]).mkdir(parents=True, exist_ok=True)
     written(drawn(1), at_home(), 1, calibration(1, degc_per_min=2.0), Path(sys.argv[1]))
     written(drawn(1), at_home(), 2, check(1), Path(sys.argv[1]), "check")

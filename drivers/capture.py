@@ -98,6 +98,7 @@ class Recorder:
                     now_ns = time.monotonic_ns()
                     if message is None:
                         self._lag.caught_up(now_ns)
+                        _refuse_off(bus)
                         break
                     age_ns = self._lag.age_ns(now_ns, time.time_ns() - round(message.timestamp * 1e9))
                     t_ns = now_ns - age_ns - self._start_ns
@@ -228,6 +229,12 @@ def summarise(writer: JournalWriter, tally: Tally, t_s: float, quiet: bool = Fal
     counts = {"error_frames": tally.error_frames, "unreadable": tally.unreadable, "recoveries": tally.recoveries}
     behind = {"most_behind_ms": tally.most_behind_ns // 1_000_000, "behind_spells": tally.spells}
     event(writer, text, t_s, **counts, **behind, **({} if wrong else {"no_news": 1}))
+
+
+def _refuse_off(bus: can.BusABC) -> None:
+    """CanOperationError at bus off, for interfaces that neither raise nor send an error frame then (IXXAT, Systec)."""
+    if bus.state is can.BusState.ERROR:
+        raise can.CanOperationError("bus off: too many errors on the wire; the controller is started again")
 
 
 def _shut(bus: can.BusABC) -> None:

@@ -139,7 +139,9 @@ class Framing:
     def taken(self, length: int) -> list[tuple[str, range]]:
         """Bytes of a packet of this length that no signal can have, by what they are."""
         check = 0 if self.crc is None else self.crc.size
-        return [("header", range(len(self.header))), ("CRC or sum", range(length - check, length))]
+        numbers = {"number": self.id_at, "length": self.length_at}
+        said = [(name, range(at.byte, at.byte + at.size)) for name, at in numbers.items() if at is not None]
+        return [("header", range(len(self.header))), *said, ("CRC or sum", range(length - check, length))]
 
     def wrong(self, packet: bytes) -> bool:
         """Whether a packet is not whole."""

@@ -137,6 +137,17 @@ class GyroDecoder:
             self.twins_at = max(self._newest - len(index), 0)
         return GyroBlock(index, t_ns[rows], rate_dph, valid, slow, faults, corrected, beats)
 
+    def counter_step(self, frames: FrameArray) -> int:
+        """By how much the unit's own counter grows most often from one of these frames to the next; 1 without one."""
+        words = np.ascontiguousarray(frames).view(_WORD).reshape(-1, frames.dtype.itemsize // 8)
+        self._sort(words)
+        _, data = self._of(self._first, *self._sound(words, self._rate))
+        if self._first.counter is None or len(data) < 2:
+            return 1
+        raw = self._first.counter.unpack(data).astype(np.int64)
+        steps, times = np.unique(np.diff(raw) & ((1 << self.counter_bits) - 1), return_counts=True)
+        return int(steps[times.argmax()])
+
     def power_on(self) -> None:
         """The unit is switched on again after it was switched off on purpose; call it between two blocks."""
         self._track.power_on()

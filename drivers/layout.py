@@ -244,11 +244,10 @@ class _Mapped:
         stamp = self._tried(lambda: self._stamp(first, cycle_ms)) if first is not None and cycle_ms else None
         if self._wrong or first is None or cycle_ms is None:
             raise ConfigError(self._all_wrong())
-        counted = first.counter is not None
-        others = tuple(
-            source if counted else replace(source, counter=None) for source in sources if source is not first
-        )
-        return Layout(outputs[0], first, others, beat, stamp, cycle_ms)
+        counted = first.counter is not None and stamp is None
+        placed = [source if counted else replace(source, counter=None) for source in sources]
+        at = sources.index(first)
+        return Layout(outputs[0], placed.pop(at), tuple(placed), beat, stamp, cycle_ms)
 
     def _tried(self, make: Callable[[], _Made]) -> _Made | None:
         """What it makes; None, and what is wrong with it kept, where it cannot."""
@@ -286,7 +285,7 @@ class _Mapped:
     def _stamp(self, first: Source, cycle_ms: float) -> tuple[Signal, float] | None:
         found = None if self._map.time_stamp is None else self._find(self._map.time_stamp, "time_stamp")
         if found is None:
-            return None
+            return None if first.counter is None or first.counter.scale == 1 else _stepping(first.counter, cycle_ms)
         message, signal = found
         if first.counter is not None or message.name != first.message.name:
             raise ConfigError(f"a time stamp stands in for the counter of {first.message.name}, and in it")
@@ -337,6 +336,15 @@ class _Mapped:
             )
             text += f"; it has {known or 'nothing'}"
         return f"{self._place}: {text}"
+
+
+def _stepping(counter: Signal, cycle_ms: float) -> tuple[Signal, float]:
+    """A counter that grows by more than 1 from one sample to the next, as a time stamp."""
+    if not 0 < counter.scale < 1 or counter.offset:
+        text = f"{counter.name} has the scale {counter.scale:g} and the offset {counter.offset:g}; "
+        text += "one that grows by 2 a sample has the scale 0.5, one that grows by 1 has 1, and none has an offset"
+        raise ConfigError(f"counter: {text}")
+    return counter, 1e-3 * cycle_ms * counter.scale
 
 
 def _is_described(message: Message, where: Described) -> bool:

@@ -31,6 +31,8 @@ from drivers.journal import FrameArray
 INTERFACE = "packets"
 _BITS_PER_BYTE = 10  # with start bit and stop bit
 _BROKEN_BYTES = 8
+_KEEP_ALIVE = {"TCP_KEEPIDLE": 1, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 2}
+"""A server that is gone is noticed within 3 s, before its silence ends a run."""
 _MOST_BYTES = 4096
 
 
@@ -61,6 +63,8 @@ class SerialLine:
         self._port = serial.serial_for_url(channel, baudrate=baudrate, **options)
         self._counts = not channel.startswith("socket:")
         """Whether it says how many bytes wait, and not only that some do."""
+        if not self._counts:
+            _keep_alive(self._port.fileno())
 
     def read(self, timeout: float | None) -> Chunk | None:
         """What arrives within a time [s]; None: nothing."""
@@ -78,6 +82,15 @@ class SerialLine:
     def close(self) -> None:
         """Hang up."""
         self._port.close()
+
+
+def _keep_alive(descriptor: int) -> None:
+    """Have the system ask a TCP server that sends nothing whether it is still there: reading alone never tells."""
+    with socket.fromfd(descriptor, socket.AF_INET, socket.SOCK_STREAM) as line:  # a copy, of the same connection
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEP_ALIVE.items():
+            if hasattr(socket, option):
+                line.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
 def refusal(channel: str, baudrate: int | None, options: Mapping[str, Any]) -> str | None:

@@ -51,8 +51,12 @@ class Register:
     """Length of a text (one character per register); for numbers, their type defines it."""
     word_order: Literal["high_first", "low_first"] | None = None
     """Of numbers of two words; left out: that of the map, else high_first, which `bench check` tells."""
+    byte_order: Literal["high_first", "low_first"] = "high_first"
+    """Of the two bytes in each word."""
     scale: FiniteFloat = 1.0
-    """Value = raw number x scale."""
+    """Value = raw number x scale + offset."""
+    offset: FiniteFloat = 0.0
+    """Such as -273.15 of a controller that works in kelvin."""
     decimals: str = ""
     """Register that holds how many decimals the controller implies; read by `identify`. Empty: no implied decimals."""
     mask: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
@@ -97,8 +101,10 @@ class Register:
             raise ValueError(f"{', '.join(sorted(unknown))} not among the values; known: {known}")
 
     def _check_numbers(self) -> None:
-        if self.scale == 0 or (self.type in ("ascii", "float32") and self.scale != 1):
-            raise ValueError("scale must not be 0, and is only allowed for integers")
+        if self.scale == 0:
+            raise ValueError("scale must not be 0")
+        if (self.scale, self.offset) != (1, 0) and (self.type in ("ascii", "bit") or self.values):
+            raise ValueError("scale and offset are only allowed for numbers")
         if self.low is not None and self.high is not None and self.low > self.high:
             raise ValueError(f"low is {self.low:g}, above high, {self.high:g}: exchange them")
 
@@ -136,6 +142,12 @@ class Register:
         """First address after the register."""
         return self.address + self.count
 
+    @property
+    def impossible(self) -> tuple[int, ...]:
+        """Words that a working sensor never gives: NaN, or the end of the integer range."""
+        first = {"float32": 0x7FC0, "int16": 0x7FFF, "int32": 0x7FFF}.get(self.type, 0xFFFF)
+        return self.ordered([first, *[0 if self.type == "float32" else 0xFFFF] * (self.count - 1)])
+
     def with_decimals(self, places: int) -> Register:
         """The same register with the implied decimals that the controller reported."""
         return replace(self, scale=self.scale * 10.0**-places, decimals="")
@@ -154,17 +166,18 @@ class Register:
         if len(words) != self.count:
             raise LimitError(f"{self.name}: {len(words)} words, {self.count} needed")
         if self.type == "ascii":
-            text = "".join(chr(word & 0xFF) for word in words).rstrip("\0 ")
+            text = "".join(chr(word & 0xFF) for word in self.ordered(words)).rstrip("\0 ")
             if not text.isprintable():
                 raise LimitError(f"{self.name} reads {text!r}, which is not printable text")
             return text
-        ordered = tuple(reversed(words)) if self.word_order == "low_first" else words
         as_words, as_number = _coding(self.count, self.type)
-        (raw,) = as_number.unpack(as_words.pack(*ordered))
+        (raw,) = as_number.unpack(as_words.pack(*self.ordered(words)))
         if self.values:
             raw &= 0xFFFF if self.mask is None else self.mask
             return next((name for name, code in self.values.items() if code == raw), f"code {raw}")
         value = float(raw * self.scale)
+        if self.offset:
+            value = round(value + self.offset, 9)  # 233.65 - 273.15 is not -39.5
         # A set point outside the limits that we would write is legal; a measurement outside its range is not.
         if not (self._within(value) if self.write is None else _possible(value)):
             raise self._refusal(value, "reads", "; a sensor break, or wrong word order, scale or unit")
@@ -176,17 +189,25 @@ class Register:
         if self.type == "ascii":
             if not isinstance(value, str) or len(value) > self.words or not value.isascii():
                 raise LimitError(f"{self.name}: {value!r} is not ASCII text of at most {self.words} characters")
-            return tuple(ord(char) for char in value.ljust(self.words, "\0"))
-        number = self._number(value)
+            return self.ordered([ord(char) for char in value.ljust(self.words, "\0")])
+        number = (self._number(value) - self.offset) / self.scale
         if self.type != "float32":
-            number = round(number / self.scale)
+            number = round(number)
         as_words, as_number = _coding(self.count, self.type)
         try:
             packed = as_number.pack(number)
         except (struct.error, OverflowError):
-            raise LimitError(f"{self.name}: {value} {self.unit} does not fit {self.type} x {self.scale:g}") from None
-        words = as_words.unpack(packed)
-        return tuple(reversed(words)) if self.word_order == "low_first" else words
+            coding = f"{self.type} x {self.scale:g}" + (f" + {self.offset:g}" if self.offset else "")
+            raise LimitError(f"{self.name}: {value} {self.unit} does not fit {coding}") from None
+        return self.ordered(as_words.unpack(packed))
+
+    def ordered(self, words: Sequence[int]) -> tuple[int, ...]:
+        """Words as they are on the wire, from words with the highest first, or the other way round."""
+        if self.word_order == "low_first" and not self.words:
+            words = words[::-1]
+        if self.byte_order == "low_first":
+            words = [word >> 8 | (word & 0xFF) << 8 for word in words]
+        return tuple(words)
 
     def agrees(self, written: Value, read: Value) -> bool:
         """Whether `read` equals `written` within the tolerance."""
@@ -194,7 +215,8 @@ class Register:
             return written == read
         tolerance = self.tolerance
         if tolerance is None:
-            tolerance = abs(written) * 2**-23 if self.type == "float32" else abs(self.scale) / 2
+            counts = abs(written - self.offset) * 2**-23
+            tolerance = counts if self.type == "float32" else abs(self.scale) / 2
         return abs(written - read) <= tolerance * (1 + 1e-9)
 
     def is_alarm(self, value: Value) -> bool:

@@ -196,7 +196,8 @@ class RegisterMap:
                 raise PlacedError(text, ("registers", other, "address"))
         for name in {*_NEEDED, *_DEGC, *self.setpoint_copies} & set(self.registers):
             if self[name].unit not in ("", "degC"):
-                text = f"is {self[name].unit!r}: the bench reads degC; set the controller to degC"
+                text = f"is {self[name].unit!r}: the bench reads degC; set the controller to degC, or convert its "
+                text += "number by `scale` and `offset` (kelvin: offset: -273.15) and state degC"
                 raise PlacedError(text, ("registers", name, "unit"))
             if self[name].scale < 0:
                 text = f"is {self[name].scale:g}: a temperature would fall as its number rises; must be above 0"

@@ -7,7 +7,7 @@ more (entropy), a counter goes on by the same step, and a check sum follows from
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.can_record import FLAG_EXTENDED, FrameArray
+from drivers.framing import Framing
 
 Bytes = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]
@@ -26,6 +27,7 @@ _WIDEST = 4
 _MORE_BITS = 0.5
 _SCALES = (0.01, 0.1, 0.005, 1.0 / 128.0, 1.0 / 256.0, 0.0625, 1.0)
 """Of thermometers, the usual ones first [degC]."""
+_KELVIN = 273.15
 _POLYNOMIALS = (0x1D, 0x2F, 0x07, 0x31, 0x9B, 0xD5)
 
 
@@ -76,8 +78,11 @@ class Heard:
         return tuple(one for one in self.fields if one.kind == kind)
 
 
-def heard(frames: FrameArray, listened_s: float) -> tuple[Heard, ...]:
-    """What was heard on a bus in `listened_s` [s], the most frequent identifier first."""
+def heard(frames: FrameArray, listened_s: float, framing: Framing | None = None) -> tuple[Heard, ...]:
+    """What was heard on a bus in `listened_s` [s], the most frequent identifier first.
+
+    On a line, `framing` says which bytes are known: header, check sum, number and length of a packet.
+    """
     extended = (frames["flags"] & FLAG_EXTENDED) != 0
     found = []
     for identifier, long in sorted({*zip(frames["id"].tolist(), extended.tolist(), strict=True)}):
@@ -85,7 +90,8 @@ def heard(frames: FrameArray, listened_s: float) -> tuple[Heard, ...]:
         length = int(own["len"].max())
         own = own[own["len"] == length]
         data = np.ascontiguousarray(own["data"][:, :length])
-        fields = tuple(_fields(data)) if len(own) >= LEAST_FRAMES and length else ()
+        known = set() if framing is None else {byte for _, span in framing.taken(length) for byte in span}
+        fields = tuple(_fields(data, known)) if len(own) >= LEAST_FRAMES and length else ()
         found.append(Heard(identifier, long, len(own), length, len(own) / listened_s, fields, data))
     return tuple(sorted(found, key=lambda one: -one.rate_hz))
 
@@ -107,20 +113,20 @@ def _unsigned(data: Bytes, first: int, size: int, *, big: bool) -> npt.NDArray[n
     return raw
 
 
-def _fields(data: Bytes) -> Iterator[Field]:
-    taken = _counters(data)
-    sums = [k for k in (data.shape[1] - 1, 0) if _is_check_sum(data, k)][:1]
+def _fields(data: Bytes, known: Set[int]) -> Iterator[Field]:
+    taken = _counters(data, known)
+    sums = [k for k in (data.shape[1] - 1, 0) if k not in known and _is_check_sum(data, k)][:1]
     taken += [Field(k, 1, False, "check sum") for k in sums]
-    used = {k for one in taken for k in range(one.first, one.first + one.size)}
+    used = {*known, *(k for one in taken for k in range(one.first, one.first + one.size))}
     free = [k for k in range(data.shape[1]) if k not in used]
     rest = [min((_numbers(data, run, big=big) for big in (False, True)), key=_cost) for run in _runs(free)]
     yield from sorted([*taken, *(one for run in rest for one in run)], key=lambda one: one.first)
 
 
-def _counters(data: Bytes) -> list[Field]:
-    """Stretches that go on by the same step in nearly every frame, the widest first."""
+def _counters(data: Bytes, known: Set[int]) -> list[Field]:
+    """Stretches beside the `known` bytes that go on by the same step in nearly every frame, the widest first."""
     found: list[Field] = []
-    used: set[int] = set()
+    used = {*known}
     for size in (4, 2, 1):
         for first in range(data.shape[1] - size + 1):
             own = {*range(first, first + size)}
@@ -214,8 +220,8 @@ def _cost(fields: Sequence[Field]) -> tuple[int, float]:
 
 def thermometers(
     found: Sequence[Heard], near_degc: float, within_degc: float = 3.0
-) -> Mapping[tuple[int, int], tuple[Field, float]]:
-    """Numbers of 16 bits that read within `within_degc` of a temperature by a usual scale, which they come with.
+) -> Mapping[tuple[int, int], tuple[Field, float, str]]:
+    """Numbers of 16 bits that read within `within_degc` of a temperature, with the usual scale and unit of that.
 
     By identifier and first byte of the number among the fields.
     """
@@ -223,10 +229,15 @@ def thermometers(
     for one in found:
         for number in one.of_kind("number"):
             for window in sorted(_windows(one, number), key=lambda window: window.big != number.big):
-                steady = (scale for scale in _SCALES if window.scatter * scale < 0.5)
-                near = (scale for scale in steady if abs(window.mean * scale - near_degc) < within_degc)
-                if (scale := next(near, None)) is not None:
-                    plausible[one.id, number.first] = window, scale
+                steady = [scale for scale in _SCALES if window.scatter * scale < 0.5]
+                near = (
+                    (scale, unit)
+                    for unit, zero in (("degC", 0.0), ("K", _KELVIN))
+                    for scale in steady
+                    if abs(window.mean * scale - zero - near_degc) < within_degc
+                )
+                if (known := next(near, None)) is not None:
+                    plausible[one.id, number.first] = window, *known
                     break
     return plausible
 

@@ -19,7 +19,7 @@ from bench.cli import analyse, deliver, measure, pages, stock, sync
 
 SECTIONS: dict[str, Sequence[click.Command]] = {
     "Measure": (measure.run, measure.check, measure.doctor, measure.sim, measure.init),
-    "Live runs": (measure.status, measure.hold, measure.pause, measure.resume, measure.abort),
+    "Live runs": (measure.status, measure.hold, measure.pause, measure.resume, measure.abort, measure.queue),
     "Understand": (
         analyse.report, analyse.compare, analyse.noise, analyse.diagnose, analyse.decide, analyse.add, analyse.improve,
         analyse.effects, analyse.import_, analyse.imu, analyse.replay, analyse.diff, analyse.mystery, analyse.reveal,

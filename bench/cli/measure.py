@@ -19,6 +19,7 @@ from bench.cli.options import (
     out_option,
     path_argument,
     path_option,
+    queue_option,
     quiet_option,
     registers,
     station_option,
@@ -134,6 +135,44 @@ def abort(run_folder: Path | None, out: Path, server: str | None) -> Result:
     if server:
         return commands.server_abort(commands.server_at(server), run_folder)
     return commands.abort(run_folder, out)
+
+
+@click.group()
+def queue() -> None:
+    """What waits for its station at a `bench ui`: list it, change its order, take something out."""
+
+
+@queue.command("list")
+@queue_option
+@answers
+def queue_list(server: str) -> Result:
+    """List what waits, first what is next."""
+    from bench import commands
+
+    return commands.server_queue(commands.server_at(server))
+
+
+@queue.command("move")
+@click.argument("start")
+@click.argument("place", type=click.IntRange(1, 1000))
+@queue_option
+@answers
+def queue_move(start: str, place: int, server: str) -> Result:
+    """Move START (its id, or the unit that it is for) to a PLACE of the queue; 1 is next."""
+    from bench import commands
+
+    return commands.server_move(commands.server_at(server), start, place)
+
+
+@queue.command("drop")
+@click.argument("start")
+@queue_option
+@answers
+def queue_drop(start: str, server: str) -> Result:
+    """Take START (its id, or the unit that it is for) out of the queue."""
+    from bench import commands
+
+    return commands.server_drop(commands.server_at(server), start)
 
 
 @click.command()

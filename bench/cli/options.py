@@ -128,15 +128,19 @@ shelf_options = together(
     ),
     registry_option,
 )
+_SERVER = "Use this `bench ui` (token in BENCH_TOKEN) instead of this machine; RUN is then UNIT/RUN."
+queue_option = click.option(
+    "--server",
+    envvar="BENCH_SERVER",
+    metavar="URL",
+    default="http://127.0.0.1:8321",
+    show_default=True,
+    help="The `bench ui` whose queue it is (token in BENCH_TOKEN).",
+)
 live_options = together(
     path_argument("run_folder", metavar="[RUN]", required=False),
     out_option,
-    click.option(
-        "--server",
-        envvar="BENCH_SERVER",
-        metavar="URL",
-        help="Use this `bench ui` (token in BENCH_TOKEN) instead of this machine; RUN is then UNIT/RUN.",
-    ),
+    click.option("--server", envvar="BENCH_SERVER", metavar="URL", help=_SERVER),
 )
 
 

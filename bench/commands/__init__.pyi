@@ -33,10 +33,14 @@ from .results.live import REACHED as REACHED
 from .results.live import Aborted as Aborted
 from .results.live import Asked as Asked
 from .results.live import LiveRuns as LiveRuns
+from .results.live import Queue as Queue
 from .results.live import Recovered as Recovered
 from .server_client import server_abort as server_abort
 from .server_client import server_act as server_act
 from .server_client import server_at as server_at
+from .server_client import server_drop as server_drop
+from .server_client import server_move as server_move
+from .server_client import server_queue as server_queue
 from .server_client import server_status as server_status
 
 # Understand

@@ -1,4 +1,4 @@
-"""Asks a bench's server: `bench status`, `hold`, `pause`, `resume` and `abort` with `--server`.
+"""Asks a bench's server: `bench status`, `hold`, `pause`, `resume` and `abort` with `--server`, and `bench queue`.
 
 Of the standard library alone: what asks needs no server's packages. Redirects are not followed and proxies not used,
 so that the token goes nowhere else.
@@ -10,6 +10,7 @@ import json
 import os
 import urllib.error
 import urllib.request
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from http.client import HTTPException
 from pathlib import Path
@@ -18,7 +19,7 @@ from urllib.parse import quote, urlsplit
 
 from bench.base import BenchError, EquipmentError, InputError
 from bench.commands.live import ENDING_S
-from bench.commands.results.live import Aborted, Asked, LiveRuns
+from bench.commands.results.live import Aborted, Asked, LiveRuns, Queue
 
 PATIENCE_S = 30.0
 _ANSWER_BYTES = 8 << 20
@@ -40,10 +41,16 @@ class Server:
         """Ask for something."""
         return self._ask(urllib.request.Request(self._address(path)), PATIENCE_S)
 
-    def post(self, path: str, patience_s: float = PATIENCE_S) -> dict[str, Any]:
+    def post(
+        self, path: str, patience_s: float = PATIENCE_S, content: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
         """Have something done."""
-        headers = {"Content-Type": "application/json"}
-        return self._ask(urllib.request.Request(self._address(path), b"{}", headers, method="POST"), patience_s)
+        headers, body = {"Content-Type": "application/json"}, json.dumps(content or {}).encode()
+        return self._ask(urllib.request.Request(self._address(path), body, headers, method="POST"), patience_s)
+
+    def delete(self, path: str) -> None:
+        """Have something removed."""
+        self._ask(urllib.request.Request(self._address(path), method="DELETE"), PATIENCE_S)
 
     def _address(self, path: str) -> str:
         return f"{self.url.rstrip('/')}/api/v1{path}"
@@ -54,7 +61,7 @@ class Server:
         opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), _NoRedirect)
         try:
             with opener.open(request, timeout=patience_s) as answer:
-                content = json.loads(answer.read(_ANSWER_BYTES))
+                content = json.loads(answer.read(_ANSWER_BYTES) or b"{}")
         except urllib.error.HTTPError as error:
             with error:
                 raise self._refused(error) from error
@@ -111,6 +118,43 @@ def server_abort(server: Server, run: Path | None) -> Aborted:
     if "safe" not in answer:
         raise EquipmentError(f"{which}: told to abort, but how it ended is not known; LOOK AT THE CHAMBER")
     return Aborted({"run": which, **answer})
+
+
+def server_queue(server: Server) -> Queue:
+    """`bench queue`: what waits for its station, first what is next."""
+    waiting = server.get("/calibrations").get("waiting")
+    if not isinstance(waiting, list):
+        raise EquipmentError(f"{server.url}: not the answer of a bench")
+    return Queue(server.url, waiting)
+
+
+def server_move(server: Server, which: str, place: int) -> Queue:
+    """`bench queue move`: the queue with a start at another place of it."""
+    waiting = server_queue(server).waiting
+    at = _in_queue(server, waiting, which)
+    server.post(f"/starts/{quote(waiting[at]['start'])}/move", content={"by": place - 1 - at})
+    return server_queue(server)
+
+
+def server_drop(server: Server, which: str) -> Queue:
+    """`bench queue drop`: the queue without a start."""
+    waiting = server_queue(server).waiting
+    server.delete(f"/starts/{quote(waiting[_in_queue(server, waiting, which)]['start'])}")
+    return server_queue(server)
+
+
+def _in_queue(server: Server, waiting: Sequence[Mapping[str, Any]], which: str) -> int:
+    """Where a start stands that is named by its id, or by a unit that nothing else there has."""
+    found = [i for i, one in enumerate(waiting) if which == one["start"] or which in map(_serial, one["units"])]
+    if len(found) == 1:
+        return found[0]
+    listed = ", ".join(one["start"] for one in waiting) or "nothing"
+    text = f"{len(found)} starts of {which!r} wait; name one by its id" if found else f"nothing of {which!r} waits"
+    raise InputError(f"{server.url}: {text}; in the queue: {listed}")
+
+
+def _serial(unit: str) -> str:
+    return unit.partition("@")[0]
 
 
 def _the_run(server: Server, run: Path | None) -> str:

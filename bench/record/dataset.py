@@ -142,7 +142,7 @@ class Dataset:
         if name == "time":
             return self.time
         if not self.has(name):
-            have = ", ".join(sorted(self.channels))
+            have = ", ".join(sorted(filter(self.has, self.channels)))
             if name == "rate" and len(self.outputs) > 1:
                 rates = ", ".join(one for one in self.outputs if one in RATES)
                 raise InputError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.contract.trial import NotApplicable, Trial, alarm, check, foreign, impossible
+from drivers.contract.trial import NotApplicable, Trial, alarm, check, foreign
 from drivers.errors import IdentityError, LimitError
 
 
@@ -40,7 +40,7 @@ def refuses_other_units(trial: Trial) -> None:
 def refuses_wrong_words(trial: Trial) -> None:
     """Refuses swapped words or an impossible temperature."""
     temperature = trial.map["temperature"]
-    swapped = tuple(reversed(temperature.encode(25.0))) if temperature.count == 2 else (0x7FFF,)
+    swapped = tuple(reversed(temperature.encode(25.0))) if temperature.count == 2 else temperature.impossible
     trial.served.set_words("temperature", swapped)
     trial.refused(IdentityError, trial.chamber.identify, "an impossible temperature")
 
@@ -103,7 +103,7 @@ def shows_a_broken_sensor(trial: Trial) -> None:
         check(trial.chamber.poll().sensor_break is True, "a broken sensor reads intact")
     else:
         check(trial.chamber.poll().sensor_break is None, "reports a state that the controller does not have")
-    trial.served.set_words("temperature", impossible(trial.map["temperature"]))
+    trial.served.set_words("temperature", trial.map["temperature"].impossible)
     text = trial.refused(LimitError, trial.chamber.poll, "a temperature of a broken sensor")
     check("sensor" in text, text)
 

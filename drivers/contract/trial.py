@@ -81,12 +81,6 @@ def check(true: bool, text: str) -> None:
         raise AssertionError(text)
 
 
-def impossible(register: Register) -> tuple[int, ...]:
-    """Words that a working sensor never gives: NaN, or the end of the integer range."""
-    words: tuple[int, ...] = (0x7FC0, 0) if register.type == "float32" else (0x7FFF,)
-    return tuple(reversed(words)) if register.word_order == "low_first" else words
-
-
 def foreign(register: Register) -> tuple[int, ...]:
     """Words that satisfy no sensible rule about a register."""
     if register.type == "ascii":

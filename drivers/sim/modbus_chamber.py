@@ -134,7 +134,7 @@ class ModbusChamber:
                 if name in self._map:
                     self._set(self._map[name], value)
             if sensor_break and "sensor_break" not in self._map:
-                self._put(self._map["temperature"], _broken(self._map["temperature"]))
+                self._put(self._map["temperature"], self._map["temperature"].impossible)
             self._publish_alarms(active)
 
     def words(self, name: str) -> list[int]:
@@ -172,7 +172,7 @@ class ModbusChamber:
 
     def _set(self, register: Register, value: Value) -> None:
         if not isinstance(value, str) and register.type == "uint16":
-            value = max(0.0, value)  # cooling, in a register that only holds heating
+            value = max(register.offset, value)  # cooling, in a register that only holds heating
         self._put(register, register.encode(value))
 
     def _put(self, register: Register, words: tuple[int, ...]) -> None:
@@ -288,9 +288,3 @@ def _status(register: Register, active: bool) -> int:
         return named or 0
     bits = 0xFFFF if register.mask is None else register.mask
     return next(code for code in itertools.count(1) if code & bits == code and code not in register.values.values())
-
-
-def _broken(register: Register) -> tuple[int, ...]:
-    """Words that a working sensor never gives: NaN, or the end of the integer range."""
-    words = {"float32": (0x7FC0, 0), "int16": (0x7FFF,)}.get(register.type, (0xFFFF,) * register.count)
-    return tuple(reversed(words)) if register.word_order == "low_first" else words

@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
-from bench.acquisition.station.doctor import examine
+from bench.acquisition.station.doctor import Examination, examine
+from bench.acquisition.station.doctor import _instrument as _instrument_of
 from bench.acquisition.station.instruments import Instruments, switch_off
 from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.instrument import InstrumentSettings
@@ -23,6 +24,7 @@ from bench.base import EquipmentError, InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import RunFolder, load, open_run
 from drivers.clock import WallClock
+from drivers.instrument import Instrument
 from drivers.sim.instrument import ScpiInstrument
 from tests.support import acquisition
 
@@ -290,19 +292,51 @@ def test_a_slow_instrument_does_not_hold_up_the_loop():
         assert instruments.latest["voltage"].value == 1.5
 
 
-def test_an_instrument_whose_library_does_not_return_is_lost():
-    go, clock = threading.Event(), WallClock()
-    server = ScpiInstrument("M,M,1,1", {"V?": lambda: str(go.wait(10.0))})
-    one = {"name": "stuck", "address": server.address, "timeout_s": 10, "read": [{"channel": "voltage", "query": "V?"}]}
+@pytest.fixture
+def stuck(monkeypatch):
+    """An instrument whose library returns to nobody before the test is over."""
+    go = threading.Event()
+
+    class Library:
+        def ask(self, query):
+            go.wait()
+            return "M,M,1,1"
+
+        send = ask
+
+        def close(self):
+            self.ask("")
+
+    monkeypatch.setattr(InstrumentSettings, "open", lambda settings: Instrument(settings.name, Library()))
+    monkeypatch.setattr("bench.acquisition.station.instruments.PATIENCE_S", 0.0)
+    one = [{"channel": "voltage", "query": "V?"}]
+    yield _instrument({"name": "stuck", "identifies": False, "timeout_s": 0.1, "read": one, "off": HEATER["off"]})
+    go.set()
+
+
+def test_an_instrument_whose_library_does_not_return_is_lost_and_left_behind(stuck):
+    clock = WallClock()
     with ExitStack() as stack:
-        stack.callback(server.close)
-        instruments = Instruments([_instrument(one)], clock, Told(), stack)
-        stack.callback(go.set)
+        instruments = Instruments([stuck], clock, Told(), stack)
         clock.now = lambda: 2.0
         instruments.poll()
         clock.now = lambda: 48.0
-        with pytest.raises(EquipmentError, match="instrument stuck is lost: no answer within 45 s"):
+        with pytest.raises(EquipmentError, match=r"instrument stuck is lost: no answer within 0\.4 s"):
             instruments.poll()
+        assert [(step.ok, step.detail) for step in instruments.safe()] == [(False, "stuck: no answer within 0.4 s")]
+    (left,) = [thread for thread in threading.enumerate() if thread.name == "instrument stuck"]
+    assert left.daemon
+
+
+def test_the_watchdog_goes_on_to_the_chamber_when_a_library_does_not_return(stuck):
+    steps = switch_off(station().model_copy(update={"instruments": (stuck,)}))
+    assert [(step.ok, step.detail) for step in steps] == [(False, "stuck: no answer within 0.4 s")]
+
+
+def test_the_doctor_goes_on_when_a_library_does_not_return(stuck):
+    found = Examination("station")
+    _instrument_of(found, stuck.model_copy(update={"identifies": True, "address": "socket://127.0.0.1:1"}))
+    assert [(one.verdict, one.detail) for one in found.findings] == [("no link", "stuck: no answer within 0.4 s")]
 
 
 def test_the_watchdog_switches_off_what_a_killed_bench_left_on():

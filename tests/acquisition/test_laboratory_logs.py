@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import json
 import re
+import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,11 +21,16 @@ import nptdms
 import numpy as np
 import pandas as pd
 import pytest
+import pyulog
 import scipy.io
 from click.testing import CliRunner
 
+from bench.acquisition.importer.columns import ColumnMap
 from bench.analysis import analyse, load_model
-from bench.base import InputError
+from bench.analysis.effects.model import model_from
+from bench.analysis.judging.judge import judged_by
+from bench.analysis.judging.limits import load_limits
+from bench.base import InputError, load_config, parse_yaml
 from bench.cli import main
 from bench.record import CalibrationRecord
 from tests.support.tables import imported
@@ -56,6 +62,8 @@ class Log:
     advice: str = ""
     """Of a file that is refused: what the line says."""
     peer_name: str = "pandas"
+    columns: str = ""
+    """Column map, where the file itself does not say all."""
 
 
 def table(time: object = TIME, rate: object = DPS, degc: object = DEGC, **more: object) -> pd.DataFrame:
@@ -139,6 +147,33 @@ def read_hdf5(path: Path) -> Numbers:
         return file["log/time"][:], 3600.0 * file["log/rate"][:], file["log/temperature"][:]
 
 
+def write_ulog(path: Path) -> None:
+    """By the definition of ULog: a topic with the rate, and one with the temperature at a fifth of its times."""
+    size, file = struct.Struct("<HB"), b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
+
+    def message(kind: str, body: bytes) -> bytes:
+        return size.pack(len(body), ord(kind)) + body
+
+    topics = {"gyro": ("rate", np.radians(DPS), 1), "baro": ("temperature", DEGC, 5)}
+    file += message("B", bytes(40))
+    file += b"".join(
+        message("F", f"{topic}:uint64_t timestamp;double {name};".encode()) for topic, (name, _, _) in topics.items()
+    )
+    file += b"".join(message("A", struct.pack("<BH", 0, at) + topic.encode()) for at, topic in enumerate(topics))
+    for row in range(ROWS):
+        for at, (_, values, every) in enumerate(topics.values()):
+            if row % every == 0:
+                file += message("D", struct.pack("<HQd", at, round(1e6 * TIME[row]), values[row]))
+    path.write_bytes(file)
+
+
+def read_ulog(path: Path) -> Numbers:
+    data = {topic.name: topic.data for topic in pyulog.ULog(str(path)).data_list}
+    gyro, baro = data["gyro"], data["baro"]
+    slow = pd.Series(baro["temperature"], baro["timestamp"]).reindex(gyro["timestamp"])
+    return 1e-6 * gyro["timestamp"], 3600.0 * np.degrees(gyro["rate"]), slow.to_numpy()
+
+
 def write_blf(path: Path) -> None:
     """One frame of the rate and one of the temperature a row, at the same time."""
     database = cantools.database.load_file(DBC)
@@ -218,6 +253,8 @@ LOGS = (
     Log("daq.tdms", "LabVIEW TDMS, waveforms", write_tdms, read_tdms, peer_name="nptdms"),
     Log("two_rates.mf4", "MF4, the temperature at a fifth of the rate", write_mf4, read_mf4, peer_name="asammdf"),
     Log("logger.h5", "HDF5 with the attribute `units`", write_hdf5, read_hdf5, peer_name="h5py"),
+    Log("flight.ulg", "a flight log (ULog) of two topics, with a column map for the unit of the rate",
+        write_ulog, read_ulog, peer_name="pyulog", columns="rate: {column: gyro.rate, unit: rad/s}\n"),
     Log("trace.blf", "a CAN trace with its DBC", write_blf, read_blf, peer_name="python-can, cantools"),
     Log("grad.csv", "`grad/s`", write_text(text().replace("deg/s", "grad/s")),
         advice="'grad/s' has two meanings: degree, or gon"),
@@ -251,7 +288,8 @@ def test_a_log_is_imported_with_the_numbers_that_another_program_reads(tmp_path:
     assert log.peer is not None
     time, rate, degc = log.peer(path)
     assert time.size == ROWS
-    plan = imported(path, dbc=DBC if path.suffix == ".blf" else None)
+    columns = load_config(parse_yaml(log.columns, "map"), ColumnMap) if log.columns else None
+    plan = imported(path, columns, dbc=DBC if path.suffix == ".blf" else None)
     np.testing.assert_allclose(plan.time, time, rtol=0, atol=1e-6)
     np.testing.assert_allclose(plan.channels["rate"], rate, rtol=1e-13, atol=1e-9)
     np.testing.assert_allclose(plan.channels["temperature"], degc, rtol=0, atol=1e-9)
@@ -283,10 +321,14 @@ def test_what_was_imported_is_reported_exported_and_certified(tmp_path: Path, lo
     """The exported curve is numpy's through the other program's numbers; the laboratory's limits judge it."""
     path = tmp_path / log.name
     log.write(path)
-    dbc = ["--dbc", DBC] if path.suffix == ".blf" else []
-    bench("import", path, "--unit", "LOG-0007", "--out", tmp_path / "reports", *dbc)
+    more = ["--dbc", DBC] if path.suffix == ".blf" else []
+    if log.columns:
+        (tmp_path / "map.yaml").write_text(log.columns)
+        more = ["--columns", tmp_path / "map.yaml"]
+    bench("import", path, "--unit", "LOG-0007", "--out", tmp_path / "reports", *more)
     (run,) = (tmp_path / "reports" / "LOG-0007").iterdir()
-    analyse(run, [load_model("polynomial")], diagnose=False)
+    analysis = analyse(run, [load_model("polynomial")], diagnose=False)
+    assert not analysis.done.gaps_s
     assert CalibrationRecord.read(run).refusals == ()
     bench("export", run, "--format", "json", "--out", tmp_path / "export")
     exported = json.loads((tmp_path / "export" / "calibration.json").read_text())
@@ -305,6 +347,26 @@ def test_what_was_imported_is_reported_exported_and_certified(tmp_path: Path, lo
     assert (said["verdict"], said["item"]["serial"]) == ("PASS", "LOG-0007")
     assert [one["name"] for one in said["conformity"]["results"]] == ["residual_rms_dph", "hottest"]
     assert (run / "certificate.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_what_an_instrument_measured_is_in_models_and_limits(tmp_path: Path) -> None:
+    humidity = 40 + 10 * np.sin(TIME / 500)
+    table(rate=DPS + 0.5 * (humidity - 40) / 3600, **{"humidity [%]": humidity}).to_csv(
+        tmp_path / "log.csv", index=False
+    )
+    bench("import", tmp_path / "log.csv", "--unit", "LOG-0008", "--out", tmp_path / "reports")
+    (run,) = (tmp_path / "reports" / "LOG-0008").iterdir()
+    effects = [{"polynomial": {"order": 3}}, {"expression": {"formula": "a*humidity"}}]
+    analysis = analyse(run, [model_from({"name": "moist", "effects": effects})], diagnose=False)
+    assert analysis.best is not None
+    (found,) = [one.value for one in analysis.best.fit.coefficients if one.key.startswith("expression")]
+    assert found == pytest.approx(0.5, abs=0.03)
+    wet = {"name": "wettest", "expression": "max(humidity)", "unit": "%", "upper": 45, "reason": "test"}
+    limits = load_limits(parse_yaml(json.dumps({"name": "moist", "limits": [wet]}), "limits.yaml"))
+    judged = judged_by(analysis, limits).judgement
+    assert judged is not None
+    (result,) = judged.results
+    assert (result.verdict, result.quantity.value) == ("FAIL", pytest.approx(50, abs=0.1))
 
 
 def bench(*args: object) -> None:

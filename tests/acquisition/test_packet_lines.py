@@ -2,6 +2,9 @@
 
 import copy
 import json
+import os
+import socket
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +21,7 @@ from bench.cli import main
 from bench.record import load
 from bench.record.samples import read_samples
 from drivers.framing import Framing
-from drivers.packet_bus import MemoryLine
+from drivers.packet_bus import MemoryLine, PacketBus
 from tests.support import acquisition
 
 CRC = {"width": 16, "poly": 0x1021, "init": 0xFFFF, "order": "big"}
@@ -105,8 +108,15 @@ def test_bytes_that_are_wrong_cost_their_packets_and_are_counted(tmp_path, monke
     assert counts["error_frames"] >= 0.8 * struck
 
 
-@pytest.mark.parametrize("until_s", [23, 1e9], ids=["for 3 s", "for good"])
-def test_a_line_that_is_unplugged_is_lost_or_its_gap_counted(tmp_path, monkeypatch, until_s):
+UNPLUGGED = [
+    (23, 4, None),
+    (1e9, 4, "bus line0 link lost for 4 s: [Errno 5] Input/output error"),
+    (1e9, 60, "bus line0 is lost: [Errno 5] Input/output error"),
+]
+
+
+@pytest.mark.parametrize(("until_s", "patience_s", "told"), UNPLUGGED, ids=["for 3 s", "for good", "a patient link"])
+def test_a_line_that_is_unplugged_is_lost_or_its_gap_counted(tmp_path, monkeypatch, until_s, patience_s, told):
     out, read = [False], MemoryLine.read
 
     def unplugged(line, timeout):
@@ -120,16 +130,26 @@ def test_a_line_that_is_unplugged_is_lost_or_its_gap_counted(tmp_path, monkeypat
 
     monkeypatch.setattr(MemoryLine, "read", unplugged)
     text = acquisition.SHORT if until_s < 1e9 else acquisition.LONG
-    result = run_job(acquisition.job(tmp_path, text, station(content())), look)
+    given = content()
+    given["buses"]["line0"]["link"] = {"degraded_after_s": 1, "lost_after_s": patience_s}
+    result = run_job(acquisition.job(tmp_path, text, station(given)), look)
     lost = result.run.manifest().losses["lost"]
     if until_s < 1e9:
         assert (result.error, lost) == (None, 1500)
     else:
         assert (result.error.exit_code, lost) == (4, 0)
-        assert str(result.error) == "bus line0 link lost for 4 s: [Errno 5] Input/output error"
+        assert str(result.error) == told
     steps = [event["ok"] for event in result.run.events() if event["kind"] == "safe_state" and "ok" in event]
     assert steps
     assert all(steps)
+
+
+def test_a_serial_server_is_asked_whether_it_is_still_there():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        bus = PacketBus(f"socket://127.0.0.1:{server.getsockname()[1]}", Framing("slip", length=8))
+        with closing(server.accept()[0]), socket.socket(fileno=os.dup(bus._line._port.fileno())) as own:
+            assert own.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        bus.shutdown()
 
 
 def test_the_doctor_hears_a_unit_on_a_pty_and_on_udp():

@@ -23,6 +23,12 @@ from drivers.lag import Lag
 class ScriptedBus(can.BusABC):
     """Yields what it was given: messages or what makes them, None, exceptions to raise; afterwards nothing."""
 
+    reported = can.BusState.ACTIVE
+
+    @property
+    def state(self) -> can.BusState:
+        return self.reported
+
     def __init__(self, script: list) -> None:
         self.script = script
         self.channel_info = "scripted"
@@ -37,6 +43,8 @@ class ScriptedBus(can.BusABC):
         step = self.script.pop(0)
         if isinstance(step, Exception):
             raise step
+        if isinstance(step, can.BusState):
+            self.reported, step = step, None
         return step() if callable(step) else step, False
 
 
@@ -112,6 +120,15 @@ def test_socketcan_says_bus_off_by_an_error_frame_and_recovers_by_itself(tmp_pat
     assert "bus off" in off
     assert "restart-ms" in off
     assert "again" in again
+
+
+def test_an_interface_that_tells_bus_off_by_its_state_alone_is_opened_again(tmp_path):
+    rig = Rig(tmp_path, [[frame(1), can.BusState.PASSIVE, frame(2), can.BusState.ERROR], [frame(3), None]])
+    assert rig.frames() == [1, 2, 3]
+    assert rig.beat.health().recoveries == 1
+    off, again, _ = rig.events()
+    assert "bus failed: bus off: too many errors on the wire" in off
+    assert "open again" in again
 
 
 def test_error_frames_and_unreadable_ones_are_counted_and_summed_up_in_the_journal(tmp_path):

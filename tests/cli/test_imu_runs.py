@@ -9,6 +9,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from bench.analysis import analyse
 from bench.base import OUTPUTS, read_yaml
 from bench.cli import main
 from bench.commands.acquisition import Task, conduct
@@ -57,6 +58,12 @@ def asked(folder, *words, plan="flat.yaml"):
     names = [str(folder / word) for word in words]
     answer = CliRunner().invoke(main, ["imu", *names, "--plan", str(folder / plan), "--json"])
     return answer, json.loads(answer.stdout) if answer.exit_code < 2 else {}
+
+
+def test_a_whole_run_that_is_for_bench_imu_is_not_outside_limits(place):
+    analysis = analyse((place / "tumble").resolve(), diagnose=False)
+    assert "`bench imu " in analysis.verdict.sentence
+    assert analysis.within_limits
 
 
 def test_two_runs_find_the_unit_within_the_uncertainty(place):

@@ -66,6 +66,16 @@ def test_coils_discrete_inputs_and_bit_fields_do_what_every_map_has_to_do(wire: 
                 "shows its door", "detects set points and switches changed by others"} <= works  # fmt: skip
 
 
+def test_a_controller_in_hundredths_of_a_kelvin_does_what_every_map_has_to_do():
+    text = (Path(__file__).parents[2] / "profiles" / "chambers" / "example.yaml").read_text()
+    kelvin = "scale: 0.01, offset: -273.15, "
+    text = text.replace("type: float32, ", f"type: int32, {kelvin}").replace(
+        "type: int16, scale: 0.1, ", f"type: uint16, {kelvin}"
+    )
+    assert text.count(kelvin) == 2
+    assert not failed(try_map(parse_map(text, "kelvin"), ModbusChamber))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "behaviour"),
     [

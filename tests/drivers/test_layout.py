@@ -151,15 +151,30 @@ def test_a_unit_without_counter_and_heartbeat_is_counted_by_its_cycle_time_and_s
         assert word in lacks
 
 
-def test_a_time_stamp_takes_the_place_of_a_counter():
-    stamp = {"id": 0x100, "start": 32, "length": 24, "scale": 10.0, "unit": "us"}
-    signals = {"rate_x": MANY["rate_x"], "time_stamp": stamp}
+@pytest.mark.parametrize(
+    "counts",
+    [
+        {"time_stamp": {"id": 0x100, "start": 32, "length": 24, "scale": 10.0, "unit": "us"}},
+        {"counter": {"id": 0x100, "start": 32, "length": 10, "scale": 0.5}},
+        {"counter": {"id": 0x100, "start": 32, "length": 16, "scale": 1 / 3}},
+    ],
+)
+def test_a_time_stamp_takes_the_place_of_a_counter_and_so_does_one_that_grows_by_more_than_1(counts):
+    signals = {"rate_x": MANY["rate_x"], **counts}
     frames, _ = sent(signals, count=2000)
     decoder = GyroDecoder(None, 0, signals)
     assert decoder.decode(np.delete(frames, [3, 4, 1500])).index.tolist() == [
         k for k in range(2000) if k not in (3, 4, 1500)
     ]
     assert (decoder.losses.lost, decoder.losses.resets) == (3, 0)
+
+
+@pytest.mark.parametrize("step", [1, 2, 5])
+def test_by_how_much_a_counter_grows_is_told(step):
+    counter = {"id": 0x100, "start": 32, "length": 16}
+    frames, _ = sent({"rate_x": MANY["rate_x"], "counter": {**counter, "scale": 1 / step}}, count=50)
+    decoder = GyroDecoder(None, 0, {"rate_x": MANY["rate_x"], "counter": counter})
+    assert decoder.counter_step(np.delete(frames, 3)) == step
 
 
 MUX = """VERSION ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 
 import pytest
 from hypothesis import given
@@ -51,6 +52,28 @@ def test_scaled_int16_carries_the_sign():
 def test_32_bit_integers_follow_the_word_order():
     assert register(type="uint32").encode(65537) == (1, 1)
     assert register(type="int32", word_order="low_first").encode(-2) == (0xFFFE, 0xFFFF)
+
+
+def test_a_controller_in_kelvin_is_read_and_written_in_degc():
+    setpoint = register(type="uint16", scale=0.01, offset=-273.15, low=-70, high=180)
+    assert setpoint.encode(25.0) == (29815,)
+    assert setpoint.encode(-40.0) == (23315,)
+    assert setpoint.decode([29815]) == pytest.approx(25.0, abs=1e-9)
+    assert setpoint.agrees(25.004, setpoint.decode(setpoint.encode(25.004)))
+    fahrenheit = register(scale=5 / 9, offset=-160 / 9)
+    assert fahrenheit.agrees(-40.1, fahrenheit.decode(fahrenheit.encode(-40.1)))
+    assert fahrenheit.decode(register().encode(212.0)) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("word_order", ["high_first", "low_first"])
+@pytest.mark.parametrize("byte_order", ["high_first", "low_first"])
+def test_each_order_of_words_and_bytes_is_that_of_struct(word_order: str, byte_order: str):
+    big = struct.pack(">f", -40.5)
+    pairs = [big[:2], big[2:]][:: -1 if word_order == "low_first" else 1]
+    wire = b"".join(pair[:: -1 if byte_order == "low_first" else 1] for pair in pairs)
+    one = register(word_order=word_order, byte_order=byte_order)
+    assert one.encode(-40.5) == struct.unpack(">HH", wire)
+    assert one.decode(one.encode(-40.5)) == -40.5
 
 
 def test_text_is_one_character_a_register():
@@ -148,7 +171,7 @@ def test_every_shipped_map_loads_and_cites_its_sources(name: str):
         ("on: on, off", "on: go, off", "'go' is not one of off, on"),
         ("state: mode", "state: mood", "no register mood"),
         ("identify: []", "identify: []\nidentify: []", "small:9: duplicate key 'identify'"),
-        ("type: int16, scale: 0.1, write", "type: float32, scale: 0.1, write", "small:4: .*scale"),
+        ("type: uint16, write: 6", "type: uint16, scale: 2, write: 6", "small:5: .*scale and offset"),
         ("model: Small", "model: [", "small:"),
         ("address: 102, ", "", "^small:5: registers.mode.address: is missing$"),
         (

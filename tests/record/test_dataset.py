@@ -157,6 +157,9 @@ def test_direction_comes_from_the_temperature_itself():
 def test_a_missing_channel_is_named():
     with pytest.raises(InputError, match=r"channel 'supply' \[V\] is missing; the run has drive, frequency"):
         thermal_cycle().channel("supply")
+    empty = thermal_cycle().with_channel("supply", np.full(720, np.nan))
+    with pytest.raises(InputError, match=r"'supply' \[V\] is missing; the run has (?!.*supply)"):
+        empty.channel("supply")
 
 
 def test_a_dataset_refuses_columns_of_different_length_and_time_that_stands_still():

@@ -1,7 +1,8 @@
 """What a page shows as output is what its commands say.
 
 `python -m tests.support.shown SAID`, where README's main job has just run and its output is in the file SAID, compares
-README's outputs with it, and with what its lines of Python print of the run.
+README's outputs with it, and with what its lines of Python print of the run. Then it runs the commands of blocks of the
+how-tos that are too slow for the tests, and compares those.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import subprocess
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 FENCE = re.compile(r"^(?:<!--((?:(?!-->).)*)-->\n)?```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-"""A block, and the comment above it: `not run: WHY`, `command: NAME` of CI, `file: NAME`, or `first:` and commands."""
+"""A block, and the comment above it: `not run: WHY`, `command: NAME` of CI, `ci: COMMANDS` whose output it is,
+`file: NAME`, or `first:` and commands."""
 
 
 def fences(page: str) -> list[tuple[str, str, str]]:
@@ -52,5 +55,18 @@ def main(said: Path) -> None:
                 sys.exit(f"README.md shows what its commands do not say: {line}\n{text}")
 
 
+def slow() -> None:
+    """Compare the blocks of the how-tos whose commands only CI runs, in this folder."""
+    for page in sorted((ROOT / "docs" / "howto").glob("*.md")):
+        for comment, _, shown in fences(str(page.relative_to(ROOT))):
+            if comment.startswith("ci: "):
+                done = subprocess.run(
+                    comment.removeprefix("ci: "), shell=True, capture_output=True, text=True, check=True
+                )
+                if line := unlike(shown, done.stdout):
+                    sys.exit(f"{page.name} shows what its commands do not say: {line}\n{done.stdout}")
+
+
 if __name__ == "__main__":
     main(Path(sys.argv[1]))
+    slow()

@@ -6,8 +6,10 @@ from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from bench.base import library, read_yaml
+from bench.cli import main
 from bench.commands import Order
 from bench.commands.calibration.calibrate import calibrate, calibrate_all
 from bench.commands.calibration.job import Case, Done
@@ -102,18 +104,30 @@ def test_a_calibration_waits_for_its_station_and_may_be_taken_out_of_the_queue(s
     with served(settings) as client:  # the queue outlives the server
         waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
         assert waiting == [first["start"], second["start"]]
-        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": -1}).status_code == 204
-        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": -1}).status_code == 204  # is first
-        waiting = [one["start"] for one in client.get("/api/v1/calibrations").json()["waiting"]]
-        assert waiting == [second["start"], first["start"]]
+        assert queue(client, "move", "GX-2", "1") == [second["start"], first["start"]]
+        assert queue(client, "move", second["start"], "1") == [second["start"], first["start"]]  # is first
         assert client.post(f"/api/v1/starts/{run}/move", json={"by": 1}).status_code == 409  # runs
-        assert client.post(f"/api/v1/starts/{second['start']}/move", json={"by": 1}).status_code == 204
-        assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 204
+        third = begin(client, unit="GX-3@SIM-0001", queue=True)["start"]
+        assert queue(client, "move", "GX-3", "1") == [third, second["start"], first["start"]]
+        assert queue(client, "move", "GX-3", "900") == [second["start"], first["start"], third]
+        assert "nothing of 'GX-4' waits" in asked_of_queue(client, "drop", "GX-4").stderr
+        assert queue(client, "drop", "GX-3") == [second["start"], first["start"]]
+        assert queue(client, "drop", "GX-2") == queue(client, "list") == [first["start"]]
         assert client.delete(f"/api/v1/starts/{second['start']}").status_code == 404
         until(lambda: client.post(f"/api/v1/live/{running['runs'][0]}/abort?wait_s=30", json={}).json().get("done"))
         assert job_of(client, first["start"])["unit"] == "SIM-0001"
         late = client.delete(f"/api/v1/starts/{first['start']}")
         assert (late.status_code, "abort its run" in late.json()["detail"]) == (409, True)
+
+
+def asked_of_queue(client, *arguments):
+    return CliRunner().invoke(main, ["queue", *arguments, "--server", str(client.base_url), "--json"])
+
+
+def queue(client, *arguments):
+    answer = asked_of_queue(client, *arguments)
+    assert answer.exit_code == 0, answer.output
+    return [one["start"] for one in json.loads(answer.stdout)["waiting"]]
 
 
 def held(settings):

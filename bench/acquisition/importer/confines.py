@@ -118,6 +118,7 @@ def answering(do: Callable[[Mapping[str, Any]], dict[str, Any]], request: Path, 
         lack = any(word in f"{type(error).__name__} {error}" for word in _LACKS)
         content = {"refused": "memory" if lack else shortened(f"cannot be read ({type(error).__name__}: {error})")}
     answer.write_text(json.dumps(content, allow_nan=False), encoding="utf-8")
+    os._exit(0)  # at once: what libraries of readers do at the end, with threads of their own, may fail
 
 
 def confine(limits: Mapping[str, float]) -> None:

@@ -34,7 +34,9 @@ def read_table(
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError("no such file" if not path.exists() else "is a folder, not a file", path)
+        raise InputError(
+            "no such file" if not path.exists() else "is a folder; name a file in it: each is a run of its own", path
+        )
     size = path.stat().st_size
     if size == 0:
         raise InputError("is empty", path)

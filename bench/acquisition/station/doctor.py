@@ -11,12 +11,13 @@ import operator
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
+from bench.acquisition.station.instruments import worker_of
 from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.chamber import ChamberSettings
@@ -239,9 +240,11 @@ def _instrument(found: Examination, one: InstrumentSettings) -> None:
     except ConfigError as error:
         found.add(what, "disagrees", str(error))
         return
-    with closing(driver):
+    worker = worker_of(one)
+    with ExitStack() as stack:
+        stack.callback(worker.close, driver.close)
         try:
-            said = one.identify(driver)
+            said = worker.do(one.identify, driver)
         except (LinkError, IdentityError) as error:
             silent: Verdict = "unknown" if one.optional else "no link"
             found.add(what, silent if isinstance(error, LinkError) else "disagrees", str(error))
@@ -250,7 +253,7 @@ def _instrument(found: Examination, one: InstrumentSettings) -> None:
         for reading in one.read:
             try:
                 convert = reading.conversion()
-                value = plausible(reading, convert.factor * driver.read(reading) + convert.offset)
+                value = plausible(reading, convert.factor * worker.do(driver.read, reading) + convert.offset)
             except DriverError as error:
                 found.add(f"{what} {reading.channel}", "disagrees", str(error))
             else:
@@ -258,7 +261,7 @@ def _instrument(found: Examination, one: InstrumentSettings) -> None:
         switch = one.switch if one.powers_units else ((one.on,) if one.on is not None else ())
         for setting in (*one.set, *switch[:1]):
             try:
-                state = "is set already" if driver.is_set(setting) else "is not set now; a run sets it"
+                state = "is set already" if worker.do(driver.is_set, setting) else "is not set now; a run sets it"
             except DriverError as error:
                 found.add(f"{what} {setting.what}", "disagrees", str(error))
             else:
@@ -297,6 +300,11 @@ def _unit(found: Examination, unit: UnitSettings, frames: FrameArray, listen_s: 
     if strange:
         text += f", the station file says {unit.identity}"
     found.add(what, "disagrees" if strange or not samples else "agrees", text)
+    step = unit.decoder().counter_step(frames)
+    if step != 1:
+        grows = 0 < step < 1 << decoder.counter_bits - 1
+        advice = f"give it the scale {1 / step:.6g}" if grows else "it counts no samples, leave it out of `signals`"
+        found.add(f"{what} counter", "disagrees", f"grows by {step} from one frame to the next: {advice}")
     if not samples:
         return
     t_s = 1e-9 * (block.t_ns - block.t_ns[0])

@@ -6,13 +6,10 @@ run. In simulated time everything is asked at once, so that same seed, same run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from concurrent.futures import TimeoutError as NotInTime
-from contextlib import ExitStack, closing
+from collections.abc import Sequence
+from concurrent.futures import Future
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,13 +20,13 @@ from bench.acquisition.station.records import Journal
 from bench.acquisition.station.safety import INSTRUMENT as INSTRUMENT_STEP
 from bench.acquisition.station.settings.instrument import InstrumentSettings, ReadingSettings
 from bench.acquisition.station.settings.station import StationSettings
+from bench.acquisition.station.worker import Now, Threaded, Worker
 from bench.base import EquipmentError
 from drivers.chamber import SafeStep
 from drivers.clock import Clock, WallClock
 from drivers.errors import DriverError, LinkError
-from drivers.instrument import Instrument, Setting, plausible
+from drivers.instrument import Instrument, plausible
 
-T = TypeVar("T")
 Values = list[tuple[float, str, float]]
 """Bench time [s], channel and value of what was read."""
 TICK_S = 1.0
@@ -38,25 +35,13 @@ PATIENCE_S = 5.0
 """What an answer may need beyond the time-outs of the requests of a job before its thread counts as stuck [s]."""
 
 
-class _Now(Executor):
-    """Does everything at once."""
-
-    def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        done: Future[T] = Future()
-        try:
-            done.set_result(fn(*args, **kwargs))
-        except DriverError as error:
-            done.set_exception(error)
-        return done
-
-
 @dataclass
 class _Open:
     """One instrument that is open."""
 
     settings: InstrumentSettings
     driver: Instrument
-    worker: Executor
+    worker: Worker
     link: Link
     identity: str = ""
     due_s: dict[str, float] = field(default_factory=dict)
@@ -64,18 +49,6 @@ class _Open:
     job: Future[Values] | None = None
     asked_s: float = 0.0
     """When the job was given [s]."""
-
-    @property
-    def patience_s(self) -> float:
-        """How long a job may take until the thread counts as stuck [s]."""
-        return (3 + len(self.settings.read)) * self.settings.timeout_s + PATIENCE_S
-
-    def do(self, action: Callable[..., T], *given: Any) -> T:
-        """What `action` returns, done in the instrument's thread; DriverError, LinkError where it is stuck."""
-        try:
-            return self.worker.submit(action, *given).result(self.patience_s)
-        except NotInTime:
-            raise LinkError(f"{self.settings.name}: no answer within {self.patience_s:g} s") from None
 
 
 class Instruments:
@@ -90,12 +63,13 @@ class Instruments:
         self._open: list[_Open] = []
         self._noted: dict[str, str] = {}
         for settings in chosen:
-            driver = stack.enter_context(closing(settings.open()))
-            worker = stack.enter_context(ThreadPoolExecutor(1) if isinstance(clock, WallClock) else _Now())
+            driver = settings.open()
+            worker = worker_of(settings, own_thread=isinstance(clock, WallClock))
+            stack.callback(worker.close, driver.close)
             link = Link(f"instrument {settings.name}", settings.link, journal.event)
             one = _Open(settings, driver, worker, link, due_s=dict.fromkeys(_channels(settings), clock.now() + TICK_S))
             try:
-                one.identity = one.do(settings.identify, driver)
+                one.identity = one.worker.do(settings.identify, driver)
             except LinkError as error:
                 if not settings.optional:
                     raise
@@ -124,11 +98,11 @@ class Instruments:
                 on = settings.switch[0] if settings.powers_units else settings.on
                 for setting in (*settings.set, *filter(None, [on])):
                     self.commanded = True
-                    if not one.do(one.driver.is_set, setting):
-                        one.do(one.driver.set, setting)
+                    if not one.worker.do(one.driver.is_set, setting):
+                        one.worker.do(one.driver.set, setting)
                         text = f"{settings.name}: {setting.what}, read back"
                         self._journal.event("instrument", text, instrument=settings.name)
-                self._keep(one.do(self._read, one.driver, settings.read))
+                self._keep(one.worker.do(self._read, one.driver, settings.read))
             except LinkError as error:
                 if not settings.optional:
                     raise
@@ -144,7 +118,7 @@ class Instruments:
     def safe(self) -> list[SafeStep]:
         """Switch off what has an `off` and is not to be left on; each read back. Never raises."""
         return [
-            _switch_off(one.settings, partial(one.do, one.driver.set))
+            _switch_off(one.settings, one.worker, one.driver)
             for one in self._open
             if one.settings.off is not None and not one.settings.leave_on
         ]
@@ -152,7 +126,7 @@ class Instruments:
     def _ask(self, one: _Open) -> None:
         now_s = self._clock.now()
         due = [reading for reading in one.settings.read if one.due_s[reading.channel] <= now_s + TICK_S / 2]
-        if one.job is None and due and one.link.due(now_s):
+        if one.job is None and due and not one.worker.stuck and one.link.due(now_s):
             for reading in due:
                 one.due_s[reading.channel] = max(one.due_s[reading.channel], now_s - TICK_S) + reading.period_s
             one.job, one.asked_s = one.worker.submit(self._read, one.driver, due), now_s
@@ -176,8 +150,9 @@ class Instruments:
     def _take_in(self, one: _Open) -> None:
         now_s = self._clock.now()
         if one.job is None or not one.job.done():
-            if one.job is not None and now_s - one.asked_s > one.patience_s:
-                one.link.gone(now_s, f"no answer within {one.patience_s:g} s")
+            if one.job is not None and now_s - one.asked_s > one.worker.patience_s:
+                one.worker.give_up(one.job)
+                one.link.gone(now_s, f"no answer within {one.worker.patience_s:g} s")
             one.link.judge(now_s)
             return
         job, one.job = one.job, None
@@ -209,7 +184,7 @@ class UnitSwitch:
     def switch(self, on: bool) -> None:
         """Switch the power and read it back; ReadBackError when it is not as it was told."""
         one = self._instrument
-        one.do(one.driver.set, one.settings.switch[0 if on else 1])
+        one.worker.do(one.driver.set, one.settings.switch[0 if on else 1])
 
 
 def switch_off(settings: StationSettings) -> list[SafeStep]:
@@ -223,16 +198,23 @@ def switch_off(settings: StationSettings) -> list[SafeStep]:
         except DriverError as error:
             steps.append(SafeStep(f"{INSTRUMENT_STEP} {one.name}", False, str(error)))
             continue
-        with closing(driver):
-            steps.append(_switch_off(one, driver.set))
+        worker = worker_of(one)  # a library that never returns does not keep the chamber from being made safe
+        steps.append(_switch_off(one, worker, driver))
+        worker.close(driver.close)
     return steps
 
 
-def _switch_off(settings: InstrumentSettings, do: Callable[[Setting], None]) -> SafeStep:
+def worker_of(settings: InstrumentSettings, own_thread: bool = True) -> Worker:
+    """What asks an instrument."""
+    patience_s = (3 + len(settings.read)) * settings.timeout_s + PATIENCE_S
+    return Worker(settings.name, Threaded(f"instrument {settings.name}") if own_thread else Now(), patience_s)
+
+
+def _switch_off(settings: InstrumentSettings, worker: Worker, driver: Instrument) -> SafeStep:
     assert settings.off is not None
     what = f"{INSTRUMENT_STEP} {settings.name}"
     try:
-        do(settings.off)
+        worker.do(driver.set, settings.off)
     except Exception as error:  # whatever it is, the other equipment still has to be made safe
         return SafeStep(what, False, str(error))
     return SafeStep(what, True, f"{settings.off.what}, read back")

@@ -61,7 +61,10 @@ def propose(settings: StationSettings, listen_s: float) -> Proposal:
     """Listen `listen_s` [s] to each bus; InputError where nothing looks like a unit, LinkError without a bus."""
     with reachable(settings) as (real, clock):
         air_degc = _air(real.chamber)
-        found = {name: heard(listen(bus, clock, listen_s), listen_s) for name, bus in real.buses.items()}
+        found = {
+            name: heard(listen(bus, clock, listen_s), listen_s, bus.to_driver().framing)
+            for name, bus in real.buses.items()
+        }
     units = {name: signals for name, one in found.items() if (signals := _signals(one, air_degc))}
     if not units:
         seen = "; ".join(f"{name}: {sum(x.frames for x in one)} frames" for name, one in found.items())
@@ -75,7 +78,11 @@ def _signals(found: Sequence[Heard], air_degc: float | None) -> dict[str, tuple[
     told = [one for one in found if one.frames >= LEAST_FRAMES]
     warm = {} if air_degc is None else thermometers(told, air_degc)
     fastest = [one for one in told if one.rate_hz > 0.9 * max(other.rate_hz for other in told)]
-    places = [(one, field) for one in fastest for field in one.of_kind("number") if (one.id, field.first) not in warm]
+    numbers = [(one, field) for one in fastest for field in one.of_kind("number")]
+    places = [(one, field) for one, field in numbers if (one.id, field.first) not in warm]
+    if numbers and not places:  # a unit has an output, which scatters most
+        places = [max(numbers, key=lambda place: place[1].scatter)]
+        warm = {place: read for place, read in warm.items() if place != (places[0][0].id, places[0][1].first)}
     names = ("rate",) if len(places) == 1 else (*RATES[1:], *ACCELERATIONS)
     signals = {}
     for name, (one, field) in zip(names, places, strict=False):
@@ -83,17 +90,18 @@ def _signals(found: Sequence[Heard], air_degc: float | None) -> dict[str, tuple[
         signals[name] = bits, f"raw {field.mean:.6g}, scatter {field.scatter:.3g}, {one.rate_hz:.4g} frames a second"
     if not signals:
         return {}
-    for place, ((identifier, _), (field, scale)) in enumerate(warm.items()):
+    for place, ((identifier, _), (field, scale, unit)) in enumerate(warm.items()):
         one = next(x for x in told if x.id == identifier)
         name = "temperature" if len(warm) == 1 else f"temperature_{place + 1}"
-        seen = f"{CONFIRM}: reads {field.mean * scale:.2f}, the air of the chamber is at {air_degc:.2f} degC"
-        signals[name] = _bits(one, field, scale=scale, unit="degC"), seen
+        seen = f"{CONFIRM}: reads {field.mean * scale:.2f} {unit}, the air of the chamber is at {air_degc:.2f} degC"
+        signals[name] = _bits(one, field, scale=scale, unit=unit), seen
     used = {int(bits["id"]) for bits, _ in signals.values()}
     for one in (x for x in told if x.id in used):
         for field in one.of_kind("counter")[:1]:
             if one in fastest or signals.get("counter 0"):
                 step = f"goes on by {field.mean:g} a frame"
-                signals[f"counter {sum(key.startswith('counter') for key in signals)}"] = _bits(one, field), step
+                bits = _bits(one, field) | ({} if field.mean == 1 else {"scale": float(f"{1 / field.mean:.12g}")})
+                signals[f"counter {sum(key.startswith('counter') for key in signals)}"] = bits, step
     return signals
 
 

@@ -193,9 +193,18 @@ class Station:
                     link.gone(now_s, health.error)
                 else:
                     link.failed(now_s, health.error)
+                    if self._silent(name, now_s):
+                        link.gone(now_s, health.error)
             except EquipmentError as trouble:
                 lost[name] = str(trouble)
         return lost
+
+    def _silent(self, bus: str, now_s: float) -> bool:
+        """Whether no unit on a bus has sent for as long as units may be silent; not while they have no power."""
+        heard = [unit.newest_frame_s for unit in self.units if unit.settings.bus == bus]
+        latest_s = max((t_s for t_s in heard if t_s is not None), default=now_s)
+        powered = self.power is None or not self.power.cycling
+        return powered and now_s - latest_s > self.settings.unit_silent_s
 
     def _drop(self, lost: Mapping[str, str]) -> None:
         """Let units leave that cannot go on, unless nobody would be left."""

@@ -49,6 +49,8 @@ class Analysis:
     """The isothermal run that noise and floor are read from, too."""
     others: tuple[str, ...] = ()
     """What further runs, held out or isothermal, lack so badly that nothing may rest on them."""
+    inertial: bool = False
+    """Whether the unit is calibrated as a whole, by `bench imu`: there is nothing to fit here."""
     diagnosed: Diagnosed = field(default_factory=Diagnosed)
     judgement: Judgement | None = None
     """Against limits, where some were given."""
@@ -71,10 +73,10 @@ class Analysis:
 
     @property
     def within_limits(self) -> bool:
-        """The limits' verdict; without limits: the run is whole and its calibration proven."""
+        """The limits' verdict; without limits: the run is whole and its own calibration, if any, is proven."""
         if self.judgement is not None:
             return self.judgement.verdict.within
-        proven = self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph))
+        proven = self.inertial or (self.best is not None and bool(np.isfinite(self.best.held_out.rms_dph)))
         whole = self.done.whole and not self.done.lost and not self.others
         return whole and not any(self.done.lacking()) and proven and self.admissible
 

@@ -210,14 +210,15 @@ def _edge(table: SampleFile, groups: Iterable[int], end: int) -> float | None:
 def _gaps(base: Dataset, manifest: Manifest) -> tuple[tuple[float, float], ...]:
     """Spans [s] without a single rate sample, also before the first and after the last of the segments.
 
-    Not those in which the unit's power was off on purpose.
+    Not those in which the unit's power was off on purpose, nor the time between two samples of a slow log.
     """
     edge = 0.5 * base.interval_s
+    usual_s = max(base.interval_s, 1.0 / manifest.sample_rate_hz if manifest.sample_rate_hz else 0.0)
     present = base.time[np.isfinite(base.channel("rate"))].tolist()
     if manifest.segments and present:
         ends = manifest.segments[0].from_s - edge, manifest.segments[-1].to_s + edge
         present = [*(ends[:1] if ends[0] < present[0] else ()), *present, *(ends[1:] if ends[1] > present[-1] else ())]
-    spans = ((a + edge, b - edge) for a, b in pairwise(present) if b - a > _GAP * base.interval_s)
+    spans = ((a + edge, b - edge) for a, b in pairwise(present) if b - a > _GAP * usual_s)
     planned = tuple((from_s - 2 * edge, to_s + 2 * edge) for from_s, to_s in _without_power(manifest))
     return tuple((a, b) for a, b in spans if not any(from_s <= a and b <= to_s for from_s, to_s in planned))
 

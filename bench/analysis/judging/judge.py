@@ -78,14 +78,15 @@ def analyse(  # noqa: PLR0913 - options of one command, by keyword
     calm = None if isothermal is None else seconds_of(isothermal)
     still, fine = (None if calm is None else averaged(calm, s) for s in (interval_s, 1.0))
     others = tuple(_lacking((*check, *([] if static is None else [static]), *sisters)))
-    seconds, data, reason = _means(run, interval_s)
+    seconds, data, reason, inertial = _means(run, interval_s)
     done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))
     floor = Floor(reason=reason) if seconds is None else noise_floor([averaged(seconds, 1.0)], interval_s, fine)
     if data is None:
         verdict = judge(done, None, np.nan, reason)
         gaps = joints(manifest, None, np.nan)
         warnings = (*cautions(done, None, None, None, gaps), *others)
-        result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings, others=others)
+        result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings, others=others,
+                          inertial=inertial)  # fmt: skip
     else:
         name = None if isothermal is None else isothermal.name
         known = Analysis(run, manifest, interval_s, done, floor, _PENDING, data, static=name, others=others)
@@ -125,29 +126,29 @@ def _lacking(folders: Iterable[Path | str]) -> Iterator[str]:
         yield from (f"run {run.path.name}, on which this verdict rests: {reason}" for reason in reasons)
 
 
-def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset | None, str]:
-    """The 1 s means and those over `interval_s`, or why there are none to judge; the table is read once a report."""
+def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset | None, str, bool]:
+    """The 1 s means and those over `interval_s`, or why there are none to judge; the table is read once a report.
+
+    The last is whether the unit is calibrated as a whole, by another command.
+    """
     try:
         seconds = seconds_of(run.path)
         if len(seconds.outputs) > 1:
             text = f"the unit has {len(seconds.outputs)} outputs ({', '.join(seconds.outputs)})"
             stood = any(segment.attitude for segment in seconds.segments)
             way = f"`bench imu {run.path}` calibrates it as a whole, by the attitudes that it stood in"
-            return (
-                None,
-                None,
-                f"{text}; {way if stood else '`bench report` analyses each rate in a run folder of its own'}",
-            )
+            each = "`bench report` analyses each rate in a run folder of its own"
+            return None, None, f"{text}; {way if stood else each}", stood
     except InputError as error:
-        return None, None, str(error).replace(f"{run.path}/", "")
+        return None, None, str(error).replace(f"{run.path}/", ""), False
     steady = averaged(seconds, 1.0)
     empty = [name for name in ("rate", "temperature") if not np.any(np.isfinite(steady.channels[name]))]
     if empty:
-        return None, None, f"no value of {' and '.join(empty)} in the whole record"
+        return None, None, f"no value of {' and '.join(empty)} in the whole record", False
     data = averaged(seconds, interval_s)
     if not len(data):
-        return None, None, f"no segment lasts half of the {interval_s:g} s of a mean"
-    return seconds, data, ""
+        return None, None, f"no segment lasts half of the {interval_s:g} s of a mean", False
+    return seconds, data, "", False
 
 
 def _judged(known: Analysis, data: Dataset, models: Sequence[Model], checks: Sequence[Dataset]) -> Analysis:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.base import clock, in_own, say
-from bench.cli.rendering.printing import content, lines
-from bench.commands import REACHED, Aborted, Asked, LiveRuns, Recovered
+from bench.cli.rendering.printing import content, lines, table
+from bench.commands import REACHED, Aborted, Asked, LiveRuns, Queue, Recovered
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 
 @lines.register(LiveRuns)
@@ -22,6 +25,27 @@ def _(result: LiveRuns) -> Iterator[str]:
 @content.register(LiveRuns)
 def _(result: LiveRuns) -> dict[str, Any]:
     return {"runs": list(result.states)}
+
+
+@lines.register(Queue)
+def _(result: Queue) -> Iterator[str | Table]:
+    if not result.waiting:
+        yield say("queue.none", server=result.server)
+        return
+    titles = [say("queue.units"), say("queue.plan"), say("queue.station"), say("queue.who"), say("queue.not_before")]
+    yield table(
+        ["", *titles, say("queue.start")], [_waiting(place, one) for place, one in enumerate(result.waiting, 1)]
+    )
+
+
+def _waiting(place: int, one: Mapping[str, Any]) -> list[object]:
+    units = ", ".join(one["units"]) or None
+    return [place, units, one["plan"], one["station"], one["who"].get("name"), one["not_before"], one["start"]]
+
+
+@content.register(Queue)
+def _(result: Queue) -> dict[str, Any]:
+    return {"waiting": list(result.waiting)}
 
 
 @lines.register(Asked)

@@ -35,6 +35,14 @@ class LiveRuns(Result):
 
 
 @dataclass(frozen=True)
+class Queue(Result):
+    """What waits at a server, first what is next (`start`, `units`, `plan`, `station`, `who`, `not_before`)."""
+
+    server: str
+    waiting: Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
 class Asked(Result):
     """A live run was asked to hold, pause or resume; `state` is how it describes itself afterwards."""
 

@@ -184,8 +184,7 @@ def day(manifest: Manifest) -> date:
 
 def _refuse(folder: Path, reasons: tuple[str, ...] | list[str]) -> None:
     if reasons:
-        more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
-        raise InputError(f"no certificate: {reasons[0]}{more}", folder)
+        raise InputError(f"no certificate: {'; '.join(reasons)}", folder)
 
 
 def _flashed(run: RunFolder) -> FlashRecord | None:

@@ -140,7 +140,7 @@ def start(start: Annotated[str, Part(min_length=1, max_length=100)], request: Re
 class Move(BaseModel):
     """Where a start goes in the queue: -1 before the one in front of it, 1 behind the one after it."""
 
-    by: Literal[-1, 1]
+    by: int = Field(ge=-1000, le=1000)
 
 
 @router.post("/starts/{start}/move", status_code=204)

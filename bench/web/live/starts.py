@@ -175,19 +175,19 @@ class Starts:
         with self._lock:
             return [self._told(self._folder / name) for name in self._in_turn()]
 
-    def move(self, start: str, by: Literal[-1, 1]) -> bool:
-        """Let a start that waits change places with the one before (-1) or after it; False where it does not wait."""
+    def move(self, start: str, by: int) -> bool:
+        """Move a start that waits by so many places, back or (below 0) forward; False where it does not wait."""
         with self._lock:
             turns = self._in_turn()
             if start not in turns:
                 return False
             names = list(turns)
+            places = [about.turn or name for name, about in turns.items()]
             at = names.index(start)
-            if 0 <= at + by < len(names):
-                other = names[at + by]
-                for name, place in ((start, other), (other, start)):
-                    changed = turns[name].model_copy(update={"turn": turns[place].turn or place})
-                    self._write(self._folder / name, changed)
+            names.insert(max(at + by, 0), names.pop(at))
+            for name, place in zip(names, places, strict=True):
+                if (turns[name].turn or name) != place:
+                    self._write(self._folder / name, turns[name].model_copy(update={"turn": place}))
             return True
 
     def _waits(self, name: str) -> StartRecord | None:

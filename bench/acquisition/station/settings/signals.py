@@ -115,7 +115,8 @@ class SignalSettings(BaseModel):
     supply: Where | None = None
     """Supply voltage."""
     counter: Where | tuple[Where, ...] | None = None
-    """Sample counter in the message of the first output; further ones are the low bits of it in other messages."""
+    """Sample counter in the message of the first output; further ones are the low bits of it in other messages.
+    One that grows by 2 from sample to sample has the scale 0.5."""
     time_stamp: Where | None = None
     """The unit's own time of a sample, in the message of the first output, instead of a counter."""
     status: tuple[Status, ...] = ()
