@@ -355,3 +355,20 @@ def test_many_runs_that_a_ledger_sees_at_once_are_hashed_once(tmp_path, monkeypa
     assert size <= sum(hashed) < 2 * size
     monkeypatch.undo()
     assert list(ledger.broken()) == []
+
+
+def test_a_run_that_is_registered_reads_the_ledger_once(tmp_path, monkeypatch):
+    ledger = archive(tmp_path)
+    ledger.saw_all([("U-1/r", "a" * 64), ("U-2/r", "b" * 64)])
+    read = []
+    opened = ledger_module.Path.read_bytes
+    monkeypatch.setattr(ledger_module.Path, "read_bytes", lambda path: read.append(path.name) or opened(path))
+    assert ledger.saw("U-3/r", "c" * 64) == {"U-3/r": (4, "c" * 64)}
+    assert ledger.saw("U-1/r", "d" * 64) == {"U-1/r": (2, "d" * 64)}
+    assert read.count("ledger.jsonl") == 2
+    monkeypatch.undo()
+    assert ledger.seen() == {"U-1/r": (2, "d" * 64), "U-2/r": (3, "b" * 64), "U-3/r": (4, "c" * 64)}
+    before = ledger.path.read_bytes()
+    assert ledger.saw("U-2/r", "b" * 64) == {"U-2/r": (3, "b" * 64)}
+    assert ledger.path.read_bytes() == before
+    assert list(ledger.broken()) == []

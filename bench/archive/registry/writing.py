@@ -38,8 +38,7 @@ SHARED = ("units", "operators")
 def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
     """Write the rows of a run folder in one transaction, replacing all earlier rows of this run; the ledger saw it."""
     path = place_of(folder, ledger)
-    ledger.saw(path, sha256(folder.path / MANIFEST))
-    rows = of_run(folder, ledger, ledger.seen(path))
+    rows = of_run(folder, ledger, ledger.saw(path, sha256(folder.path / MANIFEST)))
     with registry.writing() as connection:
         refuse_copy(connection, registry, ledger)
         write_runs(connection, rows)
