@@ -24,6 +24,7 @@ from bench.archive.registry.rows import (
     update,
     update_by,
 )
+from bench.archive.registry.summaries import summarise
 from bench.archive.registry.tables import IN_ORDER
 from bench.base import InputError
 from bench.record import MANIFEST, RunFolder, sha256
@@ -57,6 +58,7 @@ def register_all(registry: Registry, folders: Iterable[RunFolder], ledger: Ledge
         for name in ("archives", *TOLD, *SHARED):
             upsert(connection, name, list(told[name].values()))
         write_runs(connection, rows)
+        summarise(connection, (serial for (serial,) in told["units"]))
     return damaged
 
 
@@ -69,6 +71,7 @@ def tell(registry: Registry, ledger: Ledger, entry: Entry) -> None:
         refuse_copy(connection, registry, ledger)
         for name, found in rows.items():
             upsert(connection, name, list(found.values()))
+        summarise(connection, (serial for (serial,) in rows["units"]))
         ledger.append(entry)
 
 
@@ -98,6 +101,7 @@ def write_runs(connection: Connection, rows: Rows) -> None:
     drop(connection, OF_RUNS, [key[0] for key in rows["runs"]])
     for name in OF_RUNS:
         upsert(connection, name, list(rows[name].values()))
+    summarise(connection, (row["unit"] for row in rows["runs"].values()))
 
 
 def drop(connection: Connection, tables: Sequence[str], runs: Sequence[str]) -> None:
