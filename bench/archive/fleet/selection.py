@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement
+from sqlalchemy import ColumnElement, select
 
 from bench.archive.registry.writing import TABLES
 
@@ -44,7 +44,8 @@ class Selection:
             )
         if self.lot is not None:
             beginning = unit.serial.startswith("" if self.lot == ONE else self.lot, autoescape=True)
-            found.append((unit.lot == self.lot) | ((unit.lot.is_(None) | (unit.lot == "")) & beginning))
+            unnamed = select(unit.serial).where(unit.lot.is_(None) | (unit.lot == ""), beginning)
+            found.append(run.unit.in_(select(unit.serial).where(unit.lot == self.lot).union(unnamed)))
         # A time in another zone may be of the day before or after.
         if self.since:
             found.append(run.created >= (self.since - timedelta(days=1)).isoformat())

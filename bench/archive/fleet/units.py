@@ -165,18 +165,17 @@ def _rows(
         .where(run.c.created.is_not(None), once(), *among)
         .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )
+    chosen_runs = select(run.c.id).join_from(run, unit, unit.c.serial == run.c.unit).where(*among)
+    chosen_ones = (quantity.c.run.in_(chosen_runs),) if among else ()
+    of_names = select(quantity.c.name, func.max(quantity.c.unit)).where(*chosen_ones).group_by(quantity.c.name)
     with registry.reading() as connection:
         runs = [_placed(row) for row in connection.execute(chosen).mappings()]
-        named = connection.execute(select(quantity.c.name, func.max(quantity.c.unit)).group_by(quantity.c.name))
-        units = {name: word or "" for name, word in sorted(tuple(row) for row in named)}
+        units = {name: word or "" for name, word in sorted(tuple(row) for row in connection.execute(of_names))}
         places = {name: place for place, name in enumerate(units)}
         rows = {one["id"]: row for row, one in enumerate(runs)}
         table = np.full((len(runs) + 1, len(places)), np.nan)  # the last row takes the quantities of all other runs
         wide = (func.max(case((quantity.c.name == name, quantity.c.value))) for name in units)
-        of_runs = select(quantity.c.run, *wide).group_by(quantity.c.run)
-        if among:
-            chosen_runs = select(run.c.id).join_from(run, unit, unit.c.serial == run.c.unit).where(*among)
-            of_runs = of_runs.where(quantity.c.run.in_(chosen_runs))
+        of_runs = select(quantity.c.run, *wide).where(*chosen_ones).group_by(quantity.c.run)
         for some in connection.execute(of_runs).partitions(_AT_ONCE):
             where = [rows.get(one[0], -1) for one in some]
             table[where] = np.array([one[1:] for one in some], dtype=np.float64)
