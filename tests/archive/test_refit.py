@@ -157,6 +157,17 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(moments):
             list(answers)
 
 
+def test_a_scheduler_that_goes_away_while_workers_are_asked_is_named(tmp_path):
+    closed = pytest.importorskip("distributed.comm.core").CommClosedError
+
+    def run(*_):
+        raise closed("Stream is closed")
+
+    for require in (engines._require_same_code, lambda client: engines._require_folder(client, tmp_path)):
+        with pytest.raises(InputError, match="the Dask scheduler went away"):
+            require(SimpleNamespace(run=run))
+
+
 def test_no_scheduler_there_is_bad_input(moments, tmp_path):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler"):
