@@ -43,7 +43,7 @@ def refit(
     refused: list[str] = []
     left_out: tuple[str, ...] = ()
     if moments is None:
-        moments, refused, left_out = _collected(root, where, options.profile)
+        moments, refused, left_out = _collected(root, where, options)
     units = stored_count(moments)
     target = records or moments.with_name(f"refit_{model.name.replace(' ', '_')}.parquet")
     name, engine = engine_of(options, -(-units // GROUP))
@@ -67,7 +67,7 @@ def refit(
     )
 
 
-def _collected(root: Path, where: str | None, profile: str | None) -> tuple[Path, list[str], tuple[str, ...]]:
+def _collected(root: Path, where: str | None, options: RefitOptions) -> tuple[Path, list[str], tuple[str, ...]]:
     from bench.archive import Selection, archive, collect, is_archive
     from bench.commands.registering import open_in
 
@@ -75,7 +75,8 @@ def _collected(root: Path, where: str | None, profile: str | None) -> tuple[Path
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
     path = root / "moments.parquet"
     with open_in(root, where) as registry:
-        done = collect(registry, archive(root), path, Selection(profile))
+        selection = Selection(options.profile)
+        done = collect(registry, archive(root), path, lambda groups: engine_of(options, groups)[1], selection)
     if not done.rows:
         raise InputError(
             f"no finished run has moments: {'; '.join([*done.refused[:1], *done.left_out]) or 'none is registered'}",

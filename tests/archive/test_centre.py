@@ -2,13 +2,10 @@
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
 import sys
-import threading
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,6 +19,7 @@ from bench.archive.registry.writing import register_all
 from bench.base import CentreError, InputError
 from bench.commands import archive_of_centre, sync_fetch
 from bench.record import MANIFEST, EntryRecord, RunFolder, faults, prove, put, sha256
+from tests.support.centre_servers import s3, sftp
 from tests.support.run_folders import make_run, ramp_run
 
 
@@ -410,24 +408,6 @@ def test_a_centre_that_is_not_mounted_is_not_made_anew_in_the_empty_folder(tmp_p
     assert not list((tmp_path / "centre").iterdir())
 
 
-@contextmanager
-def s3():
-    """An S3 server that is not ours, and a bucket: its address, and what ends it."""
-    import boto3
-
-    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", "0"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as server:
-        try:
-            address = next(found[0] for line in server.stderr if (found := re.search(r"http://[\d.:]+", line)))
-            threading.Thread(target=server.stderr.read, daemon=True).start()
-            client = boto3.client("s3", endpoint_url=address, region_name="us-east-1")
-            client.create_bucket(Bucket="line")
-            client.close()
-            yield address, server.kill
-        finally:
-            server.kill()
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning")
 def test_a_centre_on_s3(tmp_path, monkeypatch):
@@ -448,17 +428,6 @@ def test_a_centre_on_s3(tmp_path, monkeypatch):
         with pytest.raises(CentreError):
             send(centre, ledger)
     assert outbox(None, ledger, centre.url).waiting == ["U-1/20261102T000000Z_ramp"]
-
-
-@contextmanager
-def sftp(folder):
-    """The address of an SFTP server over a folder."""
-    command = [sys.executable, "-m", "tests.support.sftp_server", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]) as server:
-        try:
-            yield f"sftp://bench@127.0.0.1:{int(server.stdout.readline())}/runs"
-        finally:
-            server.kill()
 
 
 @pytest.mark.slow
@@ -501,3 +470,18 @@ def test_every_command_that_reads_runs_reads_those_of_a_centre(tmp_path, monkeyp
     assert archive_of_centre(centre.url).is_relative_to(tmp_path / "cache")
     unknown = CliRunner().invoke(main, ["diagnose", f"{ledger.id}/U-9/r1", "--model", "polynomial"])
     assert (unknown.exit_code, unknown.stderr.count("\n")) == (2, 1)
+
+
+def test_two_benches_that_begin_a_centre_at_the_same_moment_both_have_it(tmp_path):
+    class Later(Centre):
+        looked = False
+
+        def has(self, name):
+            """At the first look the centre is not there yet."""
+            first, self.looked = not self.looked, True
+            return not first and super().has(name)
+
+    url = str(tmp_path / "centre")
+    send(Centre(url, begin=True), bench_of(tmp_path / "a", "U-1"))
+    other = bench_of(tmp_path / "b", "U-2")
+    assert send(Later(url, begin=True), other).sent == ["U-2/20261101T000000Z_ramp"]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import sys
 from functools import partial
 from types import SimpleNamespace
@@ -15,9 +16,11 @@ from bench.analysis.effects import registry
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.fitting import fit_model
-from bench.archive.fleet import engines, moments_file
+from bench.archive.fleet import collect, engines, moments_file
 from bench.archive.fleet.moments_file import Stored
 from bench.archive.fleet.refit import _lost, refit_group, refit_unit, refits, write_records
+from bench.archive.registry.ledger import archive
+from bench.archive.registry.opening import open_registry
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.record.dataset import load
@@ -154,6 +157,17 @@ def test_a_scheduler_that_goes_away_ends_with_a_sentence(moments):
             list(answers)
 
 
+def test_a_scheduler_that_goes_away_while_workers_are_asked_is_named(tmp_path):
+    closed = pytest.importorskip("distributed.comm.core").CommClosedError
+
+    def run(*_):
+        raise closed("Stream is closed")
+
+    for require in (engines._require_same_code, lambda client: engines._require_folder(client, tmp_path)):
+        with pytest.raises(InputError, match="the Dask scheduler went away"):
+            require(SimpleNamespace(run=run))
+
+
 def test_no_scheduler_there_is_bad_input(moments, tmp_path):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler"):
@@ -223,8 +237,6 @@ def test_registered_runs_are_refitted_to_what_a_fit_of_their_rows_finds(reports)
 
 
 def test_moments_are_made_once_and_again_only_for_a_newer_run(reports, monkeypatch):
-    from bench.archive.fleet import collect
-
     rebuild(reports)
     refit(reports)
     made = []
@@ -236,6 +248,62 @@ def test_moments_are_made_once_and_again_only_for_a_newer_run(reports, monkeypat
     rebuild(reports)
     assert refit(reports)["units"] == 2
     assert made == ["r2"]
+
+
+@pytest.fixture
+def twenty(tmp_path):
+    """A registered archive of twenty short runs."""
+    root = tmp_path / "reports"
+    for number in range(20):
+        folder = root / f"U-{number:02d}" / "r1"
+        make_run(folder, **ramp_run(seed=number), unit=folder.parent.name, run="r1")
+    rebuild(root)
+    return root
+
+
+def gathered(root, target, engine):
+    with open_registry(root / "registry.sqlite") as known:
+        return collect.collect(known, archive(root), target, lambda groups: engine)
+
+
+def test_what_other_processes_read_is_what_one_reads_bit_for_bit(twenty, tmp_path):
+    def elsewhere(work, groups):
+        for group in groups:
+            do, some = pickle.loads(pickle.dumps((work.do, group)))
+            yield pickle.loads(pickle.dumps(do(some)))
+
+    files = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
+    for target, engine in zip(files, (engines.local_engine(1), elsewhere), strict=True):
+        assert gathered(twenty, target, engine).fresh == 20
+    assert files[0].read_bytes() == files[1].read_bytes()
+    assert not list(tmp_path.glob("*.parts"))
+
+
+def test_a_collection_that_is_interrupted_goes_on_with_the_runs_that_were_in_work(twenty, tmp_path):
+    whole, target = tmp_path / "whole.parquet", tmp_path / "moments.parquet"
+    gathered(twenty, whole, engines.local_engine(1))
+
+    def until_the_cluster_is_gone(work, groups):
+        yield from (work.do(group) for group in groups[:2])
+        raise InputError("the Dask scheduler went away")
+
+    with pytest.raises(InputError, match="went away"):
+        gathered(twenty, target, until_the_cluster_is_gone)
+    (tmp_path / "moments.parts" / "000007.parquet").write_bytes(b"torn")
+    assert gathered(twenty, target, engines.local_engine(1)).fresh == 12
+    assert target.read_bytes() == whole.read_bytes()
+    assert not (tmp_path / "moments.parts").exists()
+
+
+def test_a_run_that_kills_its_process_is_named_and_costs_no_other_one(twenty, tmp_path):
+    def deadly(work, groups):
+        for group in groups:
+            yield engines._halved(
+                group, lambda part: None if any(one.unit == "U-07" for one in part) else work.do(part), work.lost
+            )
+
+    done = gathered(twenty, tmp_path / "moments.parquet", deadly)
+    assert (done.rows, done.refused) == (19, [f"{twenty / 'U-07' / 'r1'}: not read: its worker process died"])
 
 
 @pytest.mark.parametrize(

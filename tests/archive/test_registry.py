@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 import sqlalchemy
 
+from bench.archive.fleet.listing import listing
 from bench.archive.registry import ledger as ledger_module
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import archive
@@ -355,3 +356,38 @@ def test_many_runs_that_a_ledger_sees_at_once_are_hashed_once(tmp_path, monkeypa
     assert size <= sum(hashed) < 2 * size
     monkeypatch.undo()
     assert list(ledger.broken()) == []
+
+
+def test_a_run_that_is_registered_reads_the_ledger_once(tmp_path, monkeypatch):
+    ledger = archive(tmp_path)
+    ledger.saw_all([("U-1/r", "a" * 64), ("U-2/r", "b" * 64)])
+    read = []
+    opened = ledger_module.Path.read_bytes
+    monkeypatch.setattr(ledger_module.Path, "read_bytes", lambda path: read.append(path.name) or opened(path))
+    assert ledger.saw("U-3/r", "c" * 64) == {"U-3/r": (4, "c" * 64)}
+    assert ledger.saw("U-1/r", "d" * 64) == {"U-1/r": (2, "d" * 64)}
+    assert read.count("ledger.jsonl") == 2
+    monkeypatch.undo()
+    assert ledger.seen() == {"U-1/r": (2, "d" * 64), "U-2/r": (3, "b" * 64), "U-3/r": (4, "c" * 64)}
+    before = ledger.path.read_bytes()
+    assert ledger.saw("U-2/r", "b" * 64) == {"U-2/r": (3, "b" * 64)}
+    assert ledger.path.read_bytes() == before
+    assert list(ledger.broken()) == []
+
+
+def test_a_role_that_may_only_read_reads_and_is_refused_in_one_line_where_it_writes(server, root):
+    import psycopg
+
+    url, name = database(server, f"bench_{uuid.uuid4().hex}"), f"reader_{uuid.uuid4().hex}"
+    run = folder_of_run(root)
+    with open_registry(url) as registry:
+        register(registry, run, archive(root))
+    with psycopg.connect(url, autocommit=True) as connection:
+        connection.execute(f"CREATE ROLE {name} LOGIN")
+        connection.execute(f"GRANT SELECT ON ALL TABLES IN SCHEMA public TO {name}")
+    with open_registry(url.replace("//bench@", f"//{name}@")) as registry:
+        assert [row["unit"] for row in runs(registry)] == ["U-1"]
+        assert listing(registry, "u-1", None, "newest", 10, 0).matched == 1
+        with pytest.raises(InputError, match="permission denied for table") as refused:
+            register(registry, run, archive(root))
+    assert "\n" not in str(refused.value)

@@ -28,9 +28,25 @@ class _Server(GuardedServer):
         self.ready.set()
 
 
+class _Repeating(httpx.HTTPTransport):
+    """Asks again where the answer is being counted."""
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        while True:
+            answer = super().handle_request(request)
+            if answer.status_code != 503 or "retry-after" not in answer.headers:
+                return answer
+            answer.close()
+
+
 @contextmanager
-def served(settings: Settings, tls: Tls | None = None, **options: Any) -> Iterator[httpx.Client]:
-    """A client of a server with these settings; both end with the block. `options` are those of uvicorn."""
+def served(
+    settings: Settings, tls: Tls | None = None, *, repeats: bool = True, **options: Any
+) -> Iterator[httpx.Client]:
+    """A client of a server with these settings; both end with the block. `options` are those of uvicorn.
+
+    `repeats`: the client asks again, as the page does, where an answer is being counted.
+    """
     server = _Server(configured(create_app(settings), tls, **options))
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
@@ -38,7 +54,8 @@ def served(settings: Settings, tls: Tls | None = None, **options: Any) -> Iterat
         try:
             assert server.ready.wait(30)
             url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-            with httpx.Client(base_url=url, timeout=60.0, trust_env=False) as client:
+            transport = _Repeating() if repeats else httpx.HTTPTransport()
+            with httpx.Client(base_url=url, timeout=60.0, trust_env=False, transport=transport) as client:
                 yield client
         finally:
             server.should_exit = True

@@ -12,6 +12,7 @@ from bench.archive.fleet import figures
 from bench.archive.fleet.board import harmless
 from bench.commands.registering import register
 from bench.record import DiagnosisRecord
+from bench.web.ground.problems import CountingError
 from bench.web.ground.settings import Settings
 from bench.web.shelf import stock
 from tests.support.fleet_runs import LIMITS, line, station
@@ -188,38 +189,83 @@ def test_a_run_that_is_registered_meanwhile_is_seen_at_the_next_look(tmp_path):
         assert client.get(f"{API}/units").json()["total"] == 2
 
 
-def test_an_answer_that_takes_long_is_given_as_it_was_and_made_anew_beside_it(tmp_path, monkeypatch):
+@pytest.fixture
+def counted(tmp_path, monkeypatch):
+    """A registry of one run, and a count of its runs that waits until it may go on."""
     monkeypatch.setattr(stock, "_PATIENCE_S", -1.0)
     register([station(tmp_path, "A-1", "one", 0.0, residual=0.1)])
-    shelf = stock.Stock(tmp_path)
-    asked, go_on = threading.Event(), threading.Event()
+    go_on = threading.Event()
 
     def slowly(registry):
-        asked.set()
         go_on.wait()
-        return len(runs(registry))
+        return {"runs": len(runs(registry))}
 
+    return slowly, go_on
+
+
+def ended():
+    """Wait for a count that is under way."""
+    for thread in threading.enumerate():
+        if thread.name == "stock":
+            thread.join()
+
+
+def test_an_answer_that_takes_long_is_given_as_it_was_and_made_anew_beside_it(tmp_path, counted):
+    slowly, go_on = counted
+    shelf = stock.Stock(tmp_path)
+    with pytest.raises(CountingError, match="ask again"):
+        shelf.answer("runs", slowly)
     go_on.set()
-    assert (shelf.answer("runs", slowly), shelf.counting) == (1, False)
+    ended()
+    assert shelf.answer("runs", slowly) == stock.Answer({"runs": b"1"}, current=True)
     go_on.clear()
-    asked.clear()
     register([station(tmp_path, "A-2", "one", 1.0, residual=0.1)])
-    assert (shelf.answer("runs", slowly), shelf.counting) == (1, True)
-    asked.wait()
-    (asking,) = [one for one in threading.enumerate() if one.name == "stock"]
+    assert shelf.answer("runs", slowly) == stock.Answer({"runs": b"1"}, current=False)
     go_on.set()
-    asking.join()
-    assert (shelf.answer("runs", slowly), shelf.counting) == (2, False)
+    ended()
+    assert shelf.answer("runs", slowly) == stock.Answer({"runs": b"2"}, current=True)
+
+
+def test_a_server_that_starts_gives_the_last_answer_that_took_long_at_once(tmp_path, counted):
+    slowly, go_on = counted
+    own = tmp_path / ".web"
+    own.mkdir()
+
+    def asked_at_a_start():
+        return stock.Stock(tmp_path, own=lambda: own).answer("runs", slowly)
+
+    for damage in (False, True):
+        with pytest.raises(CountingError):
+            asked_at_a_start()
+        go_on.set()
+        ended()
+        go_on.clear()
+        register([station(tmp_path, f"A-{2 + damage}", "one", 1.0, residual=0.1)])
+        assert asked_at_a_start() == stock.Answer({"runs": b"2" if damage else b"1"}, current=False)
+        go_on.set()
+        ended()
+        go_on.clear()
+        (kept,) = (own / "counted").iterdir()
+        kept.write_bytes(b"{")
+
+
+def test_who_asks_for_what_is_being_counted_is_told_when_to_ask_again(tmp_path, counted):
+    _, go_on = counted
+    with served(Settings(out=tmp_path, project=tmp_path), repeats=False) as client:
+        answer = client.get(f"{API}/fleet")
+        assert (answer.status_code, answer.headers["retry-after"]) == (503, "1")
+    go_on.set()
+    ended()
 
 
 def test_a_figure_has_the_newest_units_and_the_limits_of_all(client, monkeypatch):
     whole = client.get(f"{API}/fleet/charts/residual_rms_dph").json()
     monkeypatch.setattr(figures, "MOST", 10)
-    part = client.get(f"{API}/fleet/charts/residual_rms_dph").json()
+    part = client.get(f"{API}/fleet/charts/residual_rms_dph", params={"until": "2099-01-01"}).json()
     assert (part["units"], part["all"]) == (whole["units"][-10:], len(whole["units"]))
     assert part["histogram"] == whole["histogram"]
     assert part["figure"]["data"][0]["y"] == whole["figure"]["data"][0]["y"][-10:]
-    assert len(client.get(f"{API}/fleet/charts/distances").json()["units"]) == 10
+    assert len(client.get(f"{API}/fleet/charts/distances", params={"until": "2099-01-01"}).json()["units"]) == 10
 
 
 def test_what_units_lack_is_told_by_lot_of_the_model_that_most_were_diagnosed_with(tmp_path):

@@ -159,6 +159,9 @@ class Centre:
         if not begin:
             raise InputError("is no centre: centre.json is missing; `bench sync send` makes one", self.url)
         if others:
+            self._fs.invalidate_cache()
+            if self.has(MARK):  # another bench has begun it at this moment
+                return
             raise InputError("holds other files; name an empty place for a new centre", self.url)
         self.write(MARK, b'{"kind": "centre", "format": 1}\n')
 

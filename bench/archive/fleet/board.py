@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from bench.archive.fleet import figures
+from bench.archive.fleet.charts import Chart
 from bench.archive.fleet.page import GOOD_CPK
-from bench.archive.fleet.statistics import Statistics, to_csv
+from bench.archive.fleet.statistics import Measured, Statistics, to_csv
 from bench.archive.fleet.units import Calibrated
-from bench.base import InputError
 
 DISTANCES = "distances"
 """Name of the figure of all units against their lots."""
@@ -66,27 +66,27 @@ def _attention(found: Statistics) -> Found:
     }
 
 
-def drawn(found: Statistics, name: str) -> Found:
-    """One figure of the newest units, unit and run of each place on its x axis, the signals there, a histogram of all.
-
-    InputError without a chart.
-    """
-    if name == DISTANCES and np.any(np.isfinite(found.distances)):
+def drawn(found: Statistics) -> dict[str, Found]:
+    """Every figure by its name: of the newest units, with unit and run of each place on x; histograms of all."""
+    figures_of = {one.name: _charted(found, one, one.chart) for one in found.measured if one.chart is not None}
+    if np.any(np.isfinite(found.distances)):
         newest = found.fleet.newest[-figures.MOST :]
-        return {"name": name, "figure": figures.named(figures.of_lots(found), [_label(one) for one in newest]),
-                "histogram": None, "units": [one.unit for one in newest], "runs": [one.path for one in newest],
-                "signals": [], "all": len(found.fleet.newest)}  # fmt: skip
-    one = next((one for one in found.measured if one.name == name and one.chart is not None), None)
-    if one is None or one.chart is None:
-        known = ", ".join([*(one.name for one in found.measured if one.chart), DISTANCES])
-        raise InputError(f"no chart of '{name}'; the charts are {known}")
-    chart = one.chart.newest(figures.MOST)
+        plot = figures.named(figures.of_lots(found), [_label(one) for one in newest])
+        figures_of[DISTANCES] = {
+            "name": DISTANCES, "figure": plot, "histogram": None, "units": [one.unit for one in newest],
+            "runs": [one.path for one in newest], "signals": [], "all": len(found.fleet.newest),
+        }  # fmt: skip
+    return figures_of
+
+
+def _charted(found: Statistics, one: Measured, whole: Chart) -> Found:
+    chart = whole.newest(figures.MOST)
     shown = [found.fleet.newest[row] for row in one.rows[-figures.MOST :]]
     units = [unit.unit for unit in shown]
     signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in chart.signals]
     limits = one.lower, one.upper
     plot = figures.named(figures.control(chart, one.name, one.unit, limits), [_label(unit) for unit in shown])
-    return {"name": name, "figure": plot, "histogram": figures.histogram(one.values, one.unit, limits),
+    return {"name": one.name, "figure": plot, "histogram": figures.histogram(one.values, one.unit, limits),
             "units": units, "runs": [unit.path for unit in shown], "signals": signals,
             "all": len(one.rows)}  # fmt: skip
 

@@ -135,7 +135,8 @@ def known_lacks(
     registry: Registry, selection: Selection | None = None, model: str | None = None, archive: str | None = None
 ) -> KnownLacks:
     """The diagnoses of the newest selected run of each unit, of `model`, or of the one that most units have."""
-    chosen, _ = (selection or Selection()).of(runs(registry, archive=archive))
+    selection = selection or Selection()
+    chosen, _ = selection.of(runs(registry, archive=archive, among=selection.among()))
     newest: dict[str, Row] = {}
     for run in chosen:
         newest.setdefault(run["unit"], run)

@@ -232,7 +232,7 @@ def _client(workers: int, scheduler: str | None) -> Any:
 
 def _require_same_code(client: Any, effects: Sequence[type[Effect]] = ()) -> None:
     try:
-        found = client.run(fingerprint, effects)
+        found = _asked(client, fingerprint, effects)
     except (ImportError, OSError) as error:
         raise InputError(f"a Dask worker cannot load an effect: {error}; mount its file there") from None
     if not found:
@@ -245,8 +245,20 @@ def _require_same_code(client: Any, effects: Sequence[type[Effect]] = ()) -> Non
             raise InputError(f"{text}, or the numbers would differ")
 
 
+def _asked(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
+    """What each worker answers; InputError where the scheduler goes away meanwhile."""
+    try:
+        found: dict[str, Any] = client.run(function, *given)
+        return found
+    except OSError as error:
+        if type(error).__module__.partition(".")[0] != "distributed":  # a worker's own error
+            raise
+        text = f"the Dask scheduler went away ({type(error).__name__}); start it again, and give the command again"
+        raise InputError(text) from None
+
+
 def _require_folder(client: Any, root: Path) -> None:
-    for worker, seen in sorted(client.run(os.path.isdir, str(root)).items()):
+    for worker, seen in sorted(_asked(client, os.path.isdir, str(root)).items()):
         if not seen:
             raise InputError(f"worker {worker} does not see this folder; mount it there under the same path", root)
 

@@ -22,7 +22,8 @@ def coded(names: Sequence[str]) -> tuple[tuple[str, ...], IntArray]:
 
 def medians(values: FloatArray, group: IntArray) -> FloatArray:
     """Median of the finite values (n,) of each group, 0 to the highest number in `group` (n,); each has a value."""
-    order = np.lexsort((values, group))
+    order = np.argsort(values)
+    order = order[np.argsort(group[order].astype(np.min_scalar_type(group.max())), kind="stable")]
     ends = np.cumsum(np.bincount(group))
     starts = np.append(0, ends[:-1])
     ordered = values[order]

@@ -6,10 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
 from typing import Any
 
+from sqlalchemy import ColumnElement, select
+
+from bench.archive.registry.writing import TABLES
+
 IMPORT = "import"
+UNKNOWN, ONE = "unknown", "one"
+"""The station, and the lot, of runs that name none."""
 Row = Mapping[str, Any]
 
 
@@ -23,6 +29,29 @@ class Selection:
     since: date | None = None
     until: date | None = None
     """First and last day (UTC)."""
+
+    def among(self) -> list[ColumnElement[bool]]:
+        """Conditions on runs and units of the registry that leave out most of what `of` leaves out, and nothing else.
+
+        The database has an index for each; those of the lot and of the days are wider than the selection.
+        """
+        run, unit = TABLES["runs"].c, TABLES["units"].c
+        found: list[ColumnElement[bool]] = []
+        if self.station is not None:
+            nameless = run.station.is_(None) | (run.station == "")
+            found.append(
+                (run.station == self.station) | nameless if self.station == UNKNOWN else run.station == self.station
+            )
+        if self.lot is not None:
+            beginning = unit.serial.startswith("" if self.lot == ONE else self.lot, autoescape=True)
+            unnamed = select(unit.serial).where(unit.lot.is_(None) | (unit.lot == ""), beginning)
+            found.append(run.unit.in_(select(unit.serial).where(unit.lot == self.lot).union(unnamed)))
+        # A time in another zone may be of the day before or after.
+        if self.since:
+            found.append(run.created >= (self.since - timedelta(days=1)).isoformat())
+        if self.until:
+            found.append(run.created < (self.until + timedelta(days=2)).isoformat())
+        return found
 
     def of(self, runs: Sequence[Row]) -> tuple[list[Row], tuple[str, ...]]:
         """The runs that may stand in one figure, in their order, and what was left out, in words.

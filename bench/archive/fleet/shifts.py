@@ -106,10 +106,10 @@ def shifts(levelled: Levelled, quantity: str, charts: Sequence[ControlChart]) ->
     """The first alarm of each station, the station furthest off first; the others are not compared with it."""
     odd: list[int] = []
     while len(odd) < len(levelled.names):
-        scores = _scores(levelled, odd)
+        scores, standard = _standard(levelled, tuple(odd))
         worst: tuple[float, int, tuple[int, Kind]] | None = None
         for place in sorted(set(range(len(levelled.names))) - set(odd)):
-            z = standardised(scores[levelled.in_order(place)])
+            z = standard[place]
             alarms = [(found, one.kind) for one in charts if (found := alarm(z, one)) is not None]
             if alarms:
                 off = max(highest(z, one) / one.limit for one in charts)
@@ -129,14 +129,16 @@ def shifts(levelled: Levelled, quantity: str, charts: Sequence[ControlChart]) ->
 
 def latest(levelled: Levelled, charts: Sequence[ControlChart]) -> dict[str, float]:
     """The EWMA of each station after its newest unit, in units of its limit; none where a station has too few units."""
-    scores = _scores(levelled, ())
     (chart,) = [one for one in charts if one.kind == "ewma"]
-    found = {}
-    for place, name in enumerate(levelled.names):
-        own = levelled.in_order(place)
-        if own.size > _LEAST:
-            found[name] = float(_ewma(standardised(scores[own]))[-1]) / (chart.limit * _SETTLED)
-    return found
+    known = zip(levelled.names, _standard(levelled, ())[1], strict=True)
+    return {name: float(_ewma(z)[-1]) / (chart.limit * _SETTLED) for name, z in known if z.size > _LEAST}
+
+
+@lru_cache(maxsize=1)
+def _standard(levelled: Levelled, odd: tuple[int, ...]) -> tuple[FloatArray, list[FloatArray]]:
+    """Scores of all units, and for each station those of its units in order of time as standard normal values."""
+    scores = _scores(levelled, odd)
+    return scores, [standardised(scores[levelled.in_order(place)]) for place in range(len(levelled.names))]
 
 
 def _changed(z: FloatArray) -> int:

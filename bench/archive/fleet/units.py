@@ -6,16 +6,16 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from functools import cached_property
+from functools import cache, cached_property
 from sys import intern
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sqlalchemy import case, func, select
+from sqlalchemy import ColumnElement, case, func, select
 
 from bench.analysis import Limits, Quantity, judge_limits
-from bench.archive.fleet.selection import Selection, profile_of
+from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
@@ -126,8 +126,9 @@ def selected(
         wanted = re.compile(pattern or ".*")
     except re.error as error:
         raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
-    runs, values, units = _rows(registry)
-    found, left_out = (selection or Selection()).of([one for one in runs if wanted.fullmatch(one["unit"])])
+    selection = selection or Selection()
+    runs, values, units = _rows(registry, selection.among())
+    found, left_out = selection.of([one for one in runs if wanted.fullmatch(one["unit"])])
     if not found:
         why = f" ({'; '.join(left_out)} left out)" if left_out else ""
         raise NoUnitError(
@@ -148,8 +149,10 @@ def fleet_of(registry: Registry, pattern: str | None = None, selection: Selectio
     return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units, left_out)
 
 
-def _rows(registry: Registry) -> tuple[list[dict[str, Any]], Callable[[str], Values], dict[str, str]]:
-    """Every run with a calibration, in order, the quantities by the id of a run, and their units."""
+def _rows(
+    registry: Registry, among: Sequence[ColumnElement[bool]]
+) -> tuple[list[dict[str, Any]], Callable[[str], Values], dict[str, str]]:
+    """Runs with a calibration, in order, the quantities by the id of a run, and their units."""
     run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
@@ -160,18 +163,20 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], Callable[[str], Val
         .join_from(run, calibration)
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(unit, unit.c.serial == run.c.unit)
-        .where(run.c.created.is_not(None), once())
+        .where(run.c.created.is_not(None), once(), *among)
         .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )
+    chosen_runs = select(run.c.id).join_from(run, unit, unit.c.serial == run.c.unit).where(*among)
+    chosen_ones = (quantity.c.run.in_(chosen_runs),) if among else ()
+    of_names = select(quantity.c.name, func.max(quantity.c.unit)).where(*chosen_ones).group_by(quantity.c.name)
     with registry.reading() as connection:
         runs = [_placed(row) for row in connection.execute(chosen).mappings()]
-        named = connection.execute(select(quantity.c.name, func.max(quantity.c.unit)).group_by(quantity.c.name))
-        units = {name: word or "" for name, word in sorted(tuple(row) for row in named)}
+        units = {name: word or "" for name, word in sorted(tuple(row) for row in connection.execute(of_names))}
         places = {name: place for place, name in enumerate(units)}
         rows = {one["id"]: row for row, one in enumerate(runs)}
         table = np.full((len(runs) + 1, len(places)), np.nan)  # the last row takes the quantities of all other runs
         wide = (func.max(case((quantity.c.name == name, quantity.c.value))) for name in units)
-        of_runs = select(quantity.c.run, *wide).group_by(quantity.c.run)
+        of_runs = select(quantity.c.run, *wide).where(*chosen_ones).group_by(quantity.c.run)
         for some in connection.execute(of_runs).partitions(_AT_ONCE):
             where = [rows.get(one[0], -1) for one in some]
             table[where] = np.array([one[1:] for one in some], dtype=np.float64)
@@ -181,14 +186,14 @@ def _rows(registry: Registry) -> tuple[list[dict[str, Any]], Callable[[str], Val
 def _placed(row: Mapping[Any, Any]) -> dict[str, Any]:
     """A run of the registry with its lot and its station."""
     few = {name: intern(row[name]) for name in ("profile", "state", "cause") if row[name]}
-    lot, station = lot_of(row["unit"], row["lot"]), row["station"] or "unknown"
+    lot, station = lot_of(row["unit"], row["lot"]), row["station"] or UNKNOWN
     return {**row, **few, "lot": intern(lot), "station": intern(station)}
 
 
 def lot_of(unit: str, recorded: str | None) -> str:
     """The lot of a unit: the recorded one, else its serial number without the digits at the end."""
     match = NO_LOT.match(unit)
-    return recorded or (match[1] if match else "") or "one"
+    return recorded or (match[1] if match else "") or ONE
 
 
 def choices(registry: Registry) -> dict[str, list[str]]:
@@ -201,7 +206,7 @@ def choices(registry: Registry) -> dict[str, list[str]]:
         lots = set(connection.execute(select(unit.c.lot).where(unit.c.lot.is_not(None), own).distinct()).scalars())
         nameless = connection.execute(select(unit.c.serial).where(unit.c.lot.is_(None), own)).scalars()
         lots |= {lot_of(serial, None) for serial in nameless}
-    stations = {str(one["station"] or "unknown") for one in found}
+    stations = {str(one["station"] or UNKNOWN) for one in found}
     return {
         "stations": sorted(stations),
         "lots": sorted(lots),
@@ -238,11 +243,13 @@ def words(runs: Sequence[Calibrated], limits: Limits | None) -> Iterator[str | N
             ).verdict.value
 
 
+@cache
 def good(word: str | None) -> bool:
     """Whether a unit with this verdict passed."""
     return word is not None and Verdict(word).within
 
 
+@cache
 def decided(word: str | None) -> bool:
     """Whether a unit with this verdict passed or failed."""
     return word is not None and Verdict(word).judged

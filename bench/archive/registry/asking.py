@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import date
 from typing import Any
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, select
 
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS
@@ -16,12 +16,15 @@ from bench.base import InputError
 Found = list[dict[str, Any]]
 
 
-def runs(registry: Registry, unit: str | None = None, most: int | None = None, archive: str | None = None) -> Found:
+def runs(
+    registry: Registry, unit: str | None = None, most: int | None = None, archive: str | None = None,
+    among: Sequence[ColumnElement[bool]] = (),
+) -> Found:  # fmt: skip
     """Runs with their lots, the verdicts of their calibrations and what a model of them `lacks` (of `diagnosed_model`).
 
     The one that was seen last comes first, each comes once.
 
-    Of one `archive` all that it holds, others may hold them, too.
+    Of one `archive` all that it holds, others may hold them, too. `among`: further conditions on runs and units.
     """
     run, units, calibration, diagnosis = (TABLES[name] for name in ("runs", "units", "calibrations", "diagnoses"))
     own = (calibration.c.verdict, calibration.c.model, calibration.c.judged)
@@ -31,7 +34,7 @@ def runs(registry: Registry, unit: str | None = None, most: int | None = None, a
         .join_from(run, units, units.c.serial == run.c.unit)
         .join(calibration, calibration.c.run == run.c.id, isouter=True)
         .join(diagnosis, diagnosis.c.run == run.c.id, isouter=True)
-        .where(once() if archive is None else run.c.archive == archive)
+        .where(once() if archive is None else run.c.archive == archive, *among)
         .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
         .limit(most)
     )
@@ -40,8 +43,9 @@ def runs(registry: Registry, unit: str | None = None, most: int | None = None, a
 
 def once() -> ColumnElement[bool]:
     """Of a run whose folder was copied to another archive, one row counts."""
-    run = TABLES["runs"]
-    return run.c.id.in_(select(func.min(run.c.id)).group_by(run.c.unit, run.c.manifest_sha256))
+    run, other = TABLES["runs"], TABLES["runs"].alias()
+    same = (other.c.unit == run.c.unit, other.c.manifest_sha256 == run.c.manifest_sha256)
+    return ~select(other.c.id).where(*same, other.c.id < run.c.id).exists()
 
 
 def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:

@@ -13,7 +13,7 @@ import hashlib
 import json
 import secrets
 import socket
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -55,12 +55,25 @@ class Ledger:
 
     def entries(self) -> list[Entry]:
         """Every line after the first; InputError with the line number where one is broken."""
-        return [entry for _, entry in self._numbered("")]
+        return [entry for _, entry in self._numbered(_whole(_read(self.root)))]
 
-    def saw(self, path: str, manifest_sha256: str) -> None:
-        """Note a run, by its path in the archive, where the ledger does not know it with this manifest."""
-        if self.seen(path).get(path, (None, ""))[1] != manifest_sha256:
-            self.append(_run(path, manifest_sha256))
+    def saw(self, path: str, manifest_sha256: str) -> dict[str, tuple[int | None, str]]:
+        """Note a run, by its path in the archive, where the ledger does not know it with this manifest; its `seen`.
+
+        The file is read once: in an archive of many runs, reading takes most of the time.
+        """
+        found: dict[str, tuple[int | None, str]] = {}
+
+        def change(old: bytes) -> bytes:
+            whole = _whole(_proved(self.root, old))
+            found.update(_seen(self._numbered(whole, json.dumps(path))))
+            if found.get(path, (None, ""))[1] == manifest_sha256:
+                return old
+            found[path] = found.get(path, (whole.count(b"\n") + 1, ""))[0], manifest_sha256
+            return _with(whole, [_run(path, manifest_sha256)])
+
+        extend(self.root, FILE, change)
+        return {path: found[path]}
 
     def saw_all(self, runs: Sequence[tuple[str, str]], origins: Mapping[str, str] | None = None) -> None:
         """Note runs, each a path and the hash of its manifest, that the ledger does not know with this manifest.
@@ -78,13 +91,7 @@ class Ledger:
         With a `path` that run alone, which reads no line of another run.
         Runs of other archives have no number: this ledger saw them when they were fetched, not when they were made.
         """
-        found: dict[str, tuple[int | None, str]] = {}
-        for number, entry in self._numbered("" if path is None else json.dumps(path)):
-            if entry.get("kind") == "run":
-                run = str(entry.get("run"))
-                first = None if "origin" in entry else number
-                found[run] = found.get(run, (first, ""))[0], str(entry.get("manifest"))
-        return found
+        return _seen(self._numbered(_whole(_read(self.root)), "" if path is None else json.dumps(path)))
 
     def renewed(self) -> Ledger:
         """The same folder as an archive of its own, with a new id: it was a copy of another one."""
@@ -103,12 +110,22 @@ class Ledger:
             chained = chained or previous is not None
             before.update(line)
 
-    def _numbered(self, text: str) -> Iterator[tuple[int, Entry]]:
+    def _numbered(self, data: bytes, text: str = "") -> Iterator[tuple[int, Entry]]:
         """Lines after the first that hold a text, with their numbers."""
-        path, lines = self.path, _whole(_read(self.root)).decode(errors="replace").splitlines()
-        for number, line in enumerate(lines[1:], 2):
+        for number, line in enumerate(data.decode(errors="replace").splitlines()[1:], 2):
             if text in line and line.strip():
-                yield number, _entry(line, path, number)
+                yield number, _entry(line, self.path, number)
+
+
+def _seen(numbered: Iterable[tuple[int, Entry]]) -> dict[str, tuple[int | None, str]]:
+    """`Ledger.seen` of these lines."""
+    found: dict[str, tuple[int | None, str]] = {}
+    for number, entry in numbered:
+        if entry.get("kind") == "run":
+            run = str(entry.get("run"))
+            first = None if "origin" in entry else number
+            found[run] = found.get(run, (first, ""))[0], str(entry.get("manifest"))
+    return found
 
 
 def is_archive(root: Path) -> bool:
@@ -148,6 +165,11 @@ def _read(root: Path) -> bytes:
             before, data = data, _content(root)
             if data == before:
                 raise
+    return _proved(root, data)
+
+
+def _proved(root: Path, data: bytes) -> bytes:
+    """The content of the file; InputError where it says that a chain proves it, and there is none."""
     if b'"previous": ' in data and chain_of(root) is None:
         raise InputError(f"{CHAIN} beside it, which proves it, is missing; restore it from a backup", root / FILE)
     return data

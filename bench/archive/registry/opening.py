@@ -15,7 +15,7 @@ from bench.base import InputError
 FILE = "registry.sqlite"
 """File name of the registry beside the run folders."""
 
-SCHEMA = "0005"
+SCHEMA = "0006"
 """Newest migration in `migrations/versions`."""
 
 WAIT_S = 60.0
@@ -156,6 +156,9 @@ def _bring_up_to_date(registry: Registry) -> None:
             config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
             config.attributes["connection"] = connection
             command.upgrade(config, "head")
+            from bench.archive.registry.summaries import summarise
+
+            summarise(connection)
 
 
 def _schema(connection: Connection, url: str) -> str | None:

@@ -13,6 +13,7 @@ from sqlalchemy import Connection, select
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS, Key, Row, Rows, empty, of_archive, of_run, update
+from bench.archive.registry.summaries import summarise
 from bench.archive.registry.writing import SHARED, TABLES, TOLD, drop, refuse_copy, remove, stored, upsert, write_runs
 from bench.base import InputError
 from bench.record import MANIFEST, RunFolder
@@ -127,3 +128,4 @@ def _write(connection: Connection, wanted: Rows, before: Rows) -> None:
     for name in (*TOLD, *SHARED):
         surplus: set[Key] = set(before[name]) - set(wanted[name])
         remove(connection, name, surplus)
+    summarise(connection, (serial for (serial,) in {*wanted["units"], *before["units"]}))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import date
 from typing import Any, ClassVar
 
-from sqlalchemy import JSON, BigInteger, Double, ForeignKey, MetaData, String
+from sqlalchemy import JSON, BigInteger, Double, ForeignKey, Index, MetaData, String
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 NAMES = {
@@ -39,7 +39,7 @@ class Unit(Table):
 
     __tablename__ = "units"
     serial: Mapped[str] = mapped_column(primary_key=True)
-    lot: Mapped[str | None]
+    lot: Mapped[str | None] = mapped_column(index=True)
     archive: Mapped[str] = mapped_column(ForeignKey("archives.id"))
 
 
@@ -73,7 +73,7 @@ class Run(Table):
     unit: Mapped[str] = mapped_column(ForeignKey("units.serial"), index=True)
     profile: Mapped[str | None]
     profile_sha256: Mapped[str | None] = mapped_column(String(64))
-    station: Mapped[str | None]
+    station: Mapped[str | None] = mapped_column(index=True)
     operator: Mapped[str | None] = mapped_column(ForeignKey("operators.name"))
     created: Mapped[str | None] = mapped_column(index=True)
     state: Mapped[str | None]
@@ -163,10 +163,36 @@ class Quantity(Table):
     value: Mapped[float]
 
 
+class Summary(Table):
+    """A unit in the list of units; it follows from the other tables and is made anew whenever they change."""
+
+    __tablename__ = "summaries"
+    __table_args__ = (
+        Index("ix_summaries_last", "last", "serial", "standing", "words"),
+        Index("ix_summaries_standing", "standing", "serial", "words"),
+    )
+    serial: Mapped[str] = mapped_column(primary_key=True)
+    lot: Mapped[str | None]
+    words: Mapped[str]
+    """What a search looks through, in small letters."""
+    standing: Mapped[str]
+    """pass, fail, unjudged or uncalibrated, by the newest calibration."""
+    runs: Mapped[int]
+    calibrations: Mapped[int]
+    last: Mapped[str | None]
+    last_run: Mapped[str | None]
+    state: Mapped[str | None]
+    station: Mapped[str | None]
+    calibrated: Mapped[str | None]
+    model: Mapped[str | None]
+    judged: Mapped[str | None]
+    certificate: Mapped[str | None]
+
+
 IN_ORDER: tuple[type[Table], ...] = (
     Archive, Unit, Operator, Equipment, Withdrawal, Run, Calibration, Diagnosed, Certificate, Issue, Quantity,
 )  # fmt: skip
-"""All tables, each after the tables to which it refers."""
+"""All tables but `Summary`, each after the tables to which it refers."""
 
 OF_A_RUN: tuple[type[Table], ...] = (Calibration, Diagnosed, Certificate, Issue, Quantity)
 """Tables whose rows belong to one run."""

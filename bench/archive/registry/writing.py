@@ -24,6 +24,7 @@ from bench.archive.registry.rows import (
     update,
     update_by,
 )
+from bench.archive.registry.summaries import summarise
 from bench.archive.registry.tables import IN_ORDER
 from bench.base import InputError
 from bench.record import MANIFEST, RunFolder, sha256
@@ -38,8 +39,7 @@ SHARED = ("units", "operators")
 def register(registry: Registry, folder: RunFolder, ledger: Ledger) -> None:
     """Write the rows of a run folder in one transaction, replacing all earlier rows of this run; the ledger saw it."""
     path = place_of(folder, ledger)
-    ledger.saw(path, sha256(folder.path / MANIFEST))
-    rows = of_run(folder, ledger, ledger.seen(path))
+    rows = of_run(folder, ledger, ledger.saw(path, sha256(folder.path / MANIFEST)))
     with registry.writing() as connection:
         refuse_copy(connection, registry, ledger)
         write_runs(connection, rows)
@@ -58,6 +58,7 @@ def register_all(registry: Registry, folders: Iterable[RunFolder], ledger: Ledge
         for name in ("archives", *TOLD, *SHARED):
             upsert(connection, name, list(told[name].values()))
         write_runs(connection, rows)
+        summarise(connection, (serial for (serial,) in told["units"]))
     return damaged
 
 
@@ -70,6 +71,7 @@ def tell(registry: Registry, ledger: Ledger, entry: Entry) -> None:
         refuse_copy(connection, registry, ledger)
         for name, found in rows.items():
             upsert(connection, name, list(found.values()))
+        summarise(connection, (serial for (serial,) in rows["units"]))
         ledger.append(entry)
 
 
@@ -99,6 +101,7 @@ def write_runs(connection: Connection, rows: Rows) -> None:
     drop(connection, OF_RUNS, [key[0] for key in rows["runs"]])
     for name in OF_RUNS:
         upsert(connection, name, list(rows[name].values()))
+    summarise(connection, (row["unit"] for row in rows["runs"].values()))
 
 
 def drop(connection: Connection, tables: Sequence[str], runs: Sequence[str]) -> None:

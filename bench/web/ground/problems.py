@@ -32,12 +32,16 @@ _MEANINGS = {
     422: "The request does not match its description",
     429: "Too many wrong tokens or requests; Retry-After says when to try again",
     502: "The equipment or the run failed",
-    503: "Not available at present",
+    503: "Not available at present; where it is being counted, Retry-After says when to ask again",
 }
 
 
 class NotFoundError(InputError):
     """A request names something that does not exist; the answer is 404."""
+
+
+class CountingError(BenchError):
+    """What a request asks for takes longer than anybody waits; the answer is 503 with Retry-After."""
 
 
 class Problem(BaseModel):
@@ -107,8 +111,9 @@ async def _unlike(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _bench(request: Request, error: Exception) -> JSONResponse:
-    statuses = ((NotFoundError, 404), (EquipmentError, 502), (RunAborted, 409), (BenchError, 400))
-    return problem(next(status for kind, status in statuses if isinstance(error, kind)), str(error))
+    kinds = ((NotFoundError, 404), (CountingError, 503), (EquipmentError, 502), (RunAborted, 409), (BenchError, 400))
+    status = next(status for kind, status in kinds if isinstance(error, kind))
+    return problem(status, str(error), {"Retry-After": "1"} if isinstance(error, CountingError) else None)
 
 
 async def _driver(request: Request, error: Exception) -> JSONResponse:

@@ -75,7 +75,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     app.state.settings = settings
     app.state.access = Access(settings)
-    app.state.stock = Stock(settings.out, settings.registry)
+    app.state.stock = Stock(settings.out, settings.registry, lambda: settings.own)
     add_problems(app)
     for router in OPEN:
         app.include_router(router, prefix=API)

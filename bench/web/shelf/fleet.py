@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import asdict
 from datetime import date
+from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
@@ -30,11 +31,13 @@ from bench.base import InputError
 from bench.web.ground.problems import NotFoundError
 from bench.web.ground.settings import Here, Settings
 from bench.web.plans.catalog import Catalog, named
-from bench.web.shelf.stock import Stock
+from bench.web.shelf.stock import Answer, Stock
 from bench.web.shelf.units import Stocked
 
 router = APIRouter(tags=["fleet"])
 
+OVERVIEW = "overview"
+"""Part of an answer: no quantity is called so."""
 Text = Annotated[str, Field(max_length=200)]
 """Part of the serial numbers that count."""
 LimitsName = Annotated[str | None, Field(max_length=100)]
@@ -122,14 +125,15 @@ def fleet(stock: Stocked, here: Here, chosen: Choice) -> Fleet:
     if not stock.exists:
         return Fleet(registry=False, known_limits=known)
     shared: dict[str, Any] = {
-        "registry": True, "known_limits": known, "choices": stock.answer("choices", choices), "limits": chosen.limits,
+        "registry": True, "known_limits": known, "limits": chosen.limits,
+        "choices": stock.answer("choices", choices).content(),
     }  # fmt: skip
     try:
-        content = overview(_statistics(stock, here, chosen))
+        found = _counted(stock, here, chosen)
     except NoUnitError:
         return Fleet(**shared)
-    shared["current"] = not stock.counting
-    return Fleet(**{**content, **shared, "first": content["from"], "last": content["to"]})
+    content = found.part(OVERVIEW)
+    return Fleet(**{**content, **shared, "first": content["from"], "last": content["to"], "current": found.current})
 
 
 class FleetLot(BaseModel):
@@ -151,6 +155,8 @@ class FleetLacks(BaseModel):
     lots: list[FleetLot] = []
     """Those that lack most first."""
     in_common: list[dict[str, Any]] = []
+    current: bool = True
+    """False while newer runs are being counted."""
 
 
 @router.get("/fleet/lacks")
@@ -159,53 +165,65 @@ def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max
     if not stock.exists:
         return FleetLacks()
 
-    def ask(registry: Registry) -> FleetLacks:
+    def ask(registry: Registry) -> dict[str, Any]:
         found = known_lacks(registry, chosen.selection(), model)
         told = [one for one in found.told if chosen.q in one.unit]
         lots = [FleetLot(lot=name, **vars(lot)) for name, lot in by_lot(told).items()]
         lots.sort(key=lambda lot: (-sum(lot.lacks.values()), lot.lot))
-        return FleetLacks(model=found.model, models=found.models, units=len(told), lots=lots,
-                          in_common=[asdict(one) for one in in_common(told)])  # fmt: skip
+        return {OVERVIEW: FleetLacks(model=found.model, models=found.models, units=len(told), lots=lots,
+                                     in_common=[asdict(one) for one in in_common(told)])}  # fmt: skip
 
-    return stock.answer(("lacks", chosen, model), ask)
+    found = stock.answer(f"lacks {chosen!r} {model!r}", ask)
+    return FleetLacks(**{**found.part(OVERVIEW), "current": found.current})
 
 
 @router.get("/fleet/charts/{name}")
 def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, chosen: Choice) -> FleetFigure:
     """The control chart of a quantity, or `distances` of all units from their lots."""
-    found = _existing(stock, here, chosen)
-    try:
-        return FleetFigure(**drawn(found, name))
-    except InputError as error:
-        raise NotFoundError(str(error)) from None
+    _require(stock)
+    found = _counted(stock, here, chosen)
+    if name == OVERVIEW or name not in found.parts:
+        known = ", ".join(sorted(found.parts.keys() - {OVERVIEW}))
+        raise NotFoundError(f"no chart of '{name}'; the charts are {known or 'none'}")
+    return FleetFigure(**found.part(name))
 
 
 @router.get("/fleet.csv", response_class=Response, responses={200: {"content": {"text/csv": {}}}})
 def table(stock: Stocked, here: Here, chosen: Choice) -> Response:
     """A line a unit and quantity; no cell begins like a formula."""
-    text = safe_csv(_existing(stock, here, chosen))
+    _require(stock)
+    with stock.open() as registry:
+        text = safe_csv(_statistics(registry, chosen, _limits(here, chosen)))
     return Response(text, media_type="text/csv", headers={"Content-Disposition": 'attachment; filename="fleet.csv"'})
 
 
-def _existing(stock: Stock, here: Settings, chosen: Chosen) -> Statistics:
+def _require(stock: Stock) -> None:
     if not stock.exists:
         raise NotFoundError("no registry here yet: POST /api/v1/registry makes it from the run folders")
-    return _statistics(stock, here, chosen)
 
 
-def _statistics(stock: Stock, here: Settings, chosen: Chosen) -> Statistics:
-    path = None
-    if chosen.limits is not None:
-        try:
-            path = named(Catalog(here.project, here.own).limits(), chosen.limits, "limits")
-        except InputError as error:
-            raise NotFoundError(str(error)) from None
+def _limits(here: Settings, chosen: Chosen) -> Path | None:
+    if chosen.limits is None:
+        return None
+    try:
+        return named(Catalog(here.project, here.own).limits(), chosen.limits, "limits")
+    except InputError as error:
+        raise NotFoundError(str(error)) from None
+
+
+def _statistics(registry: Registry, chosen: Chosen, path: Path | None) -> Statistics:
+    # A pattern of somebody else can be made to take for ever: only plain text is looked for.
+    pattern = f".*{re.escape(chosen.q)}.*" if chosen.q else None
+    return statistics(read(registry, pattern, chosen.selection()), load_limits(path) if path else None)
+
+
+def _counted(stock: Stock, here: Settings, chosen: Chosen) -> Answer:
+    """The overview, and every figure by its name."""
+    path = _limits(here, chosen)
     changed = path.stat().st_mtime_ns if path else 0
 
-    def ask(registry: Registry) -> Statistics:
-        bounds = load_limits(path) if path else None
-        # A pattern of somebody else can be made to take for ever: only plain text is looked for.
-        pattern = f".*{re.escape(chosen.q)}.*" if chosen.q else None
-        return statistics(read(registry, pattern, chosen.selection()), bounds)
+    def ask(registry: Registry) -> dict[str, Any]:
+        found = _statistics(registry, chosen, path)
+        return {OVERVIEW: overview(found), **drawn(found)}
 
-    return stock.answer(("fleet", chosen, changed), ask)
+    return stock.answer(f"fleet {chosen!r} {changed}", ask)

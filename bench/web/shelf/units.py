@@ -57,8 +57,6 @@ class Units(BaseModel):
     standings: dict[str, int]
     """How many units stand how, of all that match the text."""
     units: list[UnitLine]
-    current: bool = True
-    """False while newer runs are being counted."""
 
 
 class PastRun(BaseModel):
@@ -197,14 +195,9 @@ def units(
     """Units whose serial number or lot holds every word of `q`."""
     if not stock.exists:
         return Units(registry=False, total=0, matched=0, standings={}, units=[])
-    every = stock.answer("units", listing)
-    matching = every.holding(q)
-    found = every.chosen(matching, standing, sort)
-    lines = [UnitLine(**every.line(number)) for number in found[offset : offset + limit].tolist()]
-    return Units(
-        registry=True, total=len(every), matched=len(found), standings=every.standings(matching), units=lines,
-        current=not stock.counting,
-    )  # fmt: skip
+    with stock.open() as registry:
+        page = listing(registry, q, standing, sort, limit, offset)
+    return Units(registry=True, **vars(page))
 
 
 @router.get("/units/{serial}")

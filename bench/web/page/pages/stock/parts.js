@@ -4,7 +4,12 @@ import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
 import { language, or, t } from "../../lib/words.js";
 
-/** The answer of GET `path` as {data, error, busy}, and `again` to repeat it; older data is shown while newer is fetched. */
+const AGAIN_MS = 5000;
+
+/**
+ * The answer of GET `path` as {data, error, busy}, and `again` to repeat it; older data is shown while newer is fetched.
+ * An answer that is not `current` is fetched again.
+ */
 export function useGet(path) {
   const [state, setState] = useState(/** @type {{data?: any, error?: any, busy: boolean}} */ ({ busy: true }));
   const [turn, setTurn] = useState(0);
@@ -18,7 +23,13 @@ export function useGet(path) {
     );
     return () => stop.abort();
   }, [path, turn]);
-  return { ...state, again: () => setTurn((count) => count + 1) };
+  const again = () => setTurn((count) => count + 1);
+  useEffect(() => {
+    if (state.data?.current !== false) return undefined;
+    const timer = setTimeout(again, AGAIN_MS);
+    return () => clearTimeout(timer);
+  }, [state.data]);
+  return { ...state, again };
 }
 
 /** A measured value to significant digits, with a real minus sign; a dash when there is none. */

@@ -1,0 +1,68 @@
+"""The list of units as the registry keeps it: runs, last run, newest calibration and how each unit stands by it.
+
+It follows from the other tables. Whoever changes the rows of a unit makes its summary anew in the same transaction, so
+that a list of a million units is asked for and not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, cast
+
+from sqlalchemy import Connection, delete, func, insert, select
+from sqlalchemy import Table as SqlTable
+
+from bench.analysis import Verdict
+from bench.archive.registry.tables import Calibration, Certificate, Run, Summary, Unit
+
+SUMMARIES = cast(SqlTable, Summary.__table__)
+_AT_ONCE = 500
+
+
+def summarise(connection: Connection, serials: Iterable[str] | None = None) -> None:
+    """Make the summaries of these units anew, or those of all."""
+    every = sorted(connection.execute(select(Unit.serial)).scalars() if serials is None else set(serials))
+    for start in range(0, len(every), _AT_ONCE):
+        some = every[start : start + _AT_ONCE]
+        # Another station that registers a run of the same unit waits here, so that neither misses the other's run.
+        connection.execute(select(Unit.serial).where(Unit.serial.in_(some)).order_by(Unit.serial).with_for_update())
+        connection.execute(delete(SUMMARIES).where(SUMMARIES.c.serial.in_(some)))
+        if rows := _rows(connection, some):
+            connection.execute(insert(SUMMARIES), rows)
+
+
+def _rows(connection: Connection, serials: list[str]) -> list[dict[str, Any]]:
+    judged = func.coalesce(Certificate.verdict, Calibration.judged).label("judged")
+    columns = (Run.unit, Run.created, Run.station, Run.state, Run.path, Run.corrected, Calibration.model, judged)
+    chosen = (
+        select(*columns, Certificate.number)
+        .join_from(Run, Calibration, Calibration.run == Run.id, isouter=True)
+        .join(Certificate, Certificate.run == Run.id, isouter=True)
+        .where(Run.unit.in_(serials))
+        .order_by(Run.seen.asc().nulls_first(), Run.created, Run.id)
+    )
+    known = connection.execute(select(Unit.serial, Unit.lot).where(Unit.serial.in_(serials)))
+    units = {row.serial: _empty(row.serial, row.lot) for row in known}
+    for row in connection.execute(chosen):
+        one = units[row.unit]
+        one["runs"] += 1
+        one |= {"last": row.created, "last_run": row.path, "state": row.state, "station": row.station}
+        if row.model is not None and not row.corrected:  # nothing is fitted to a unit that corrected itself
+            one["calibrations"] += 1
+            one |= {"calibrated": row.created, "model": row.model, "judged": row.judged, "certificate": row.number}
+            one["standing"] = _standing(row.judged)
+    return list(units.values())
+
+
+def _empty(serial: str, lot: str | None) -> dict[str, Any]:
+    return {
+        "serial": serial, "lot": lot, "words": f"{serial} {lot or ''}".casefold(), "standing": "uncalibrated",
+        "runs": 0, "calibrations": 0, "last": None, "last_run": None, "state": None, "station": None,
+        "calibrated": None, "model": None, "judged": None, "certificate": None,
+    }  # fmt: skip
+
+
+def _standing(judged: str | None) -> str:
+    if judged not in set(Verdict) or not Verdict(judged).judged:
+        return "unjudged"
+    return "pass" if Verdict(judged).within else "fail"
