@@ -137,13 +137,15 @@ export default function Import() {
     form.append("file", file);
     setState({ step: "sending", file: file.name });
     setChoice({});
+    let taken = null;
     try {
       if (file.size > kinds.most_bytes) throw new Error(t("import.too_large", { size: bytes(file.size), most: bytes(kinds.most_bytes) }));
       if (CAN_LOGS.test(file.name) && !dbc) throw new Error(t("import.needs_dbc"));
-      const taken = await upload("/imports", form);
+      taken = await upload("/imports", form);
       merge({ step: "reading", id: taken.import, file: taken.file });
       await read(taken.job, ticket);
     } catch (trouble) {
+      if (taken) remove(url`/imports/${taken.import}`).catch(() => {}); // nothing can be done with it
       if (turn.current === ticket) setState({ step: "drop", error: trouble });
     }
   }
