@@ -200,6 +200,12 @@ def test_every_shipped_profile_and_set_of_limits_has_a_name_in_the_readers_langu
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
 
 
+def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
+    options = {name for one in library_of_effects() for name in one.options}
+    known = catalogue("zh")
+    assert [name for name in options if not re.search("[\u4e00-\u9fff]", known.get(f"workbench.option.{name}", ""))] == []
+
+
 def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:
     known = {"channels": [], "predicted_before": None, "use": "run", "decides": True, "name": "minor_loops"}
     designed = {**known, "predicted_before": 2.0, "predicted_after": 60.0, "probability_after": 0.9}
