@@ -4,7 +4,7 @@ import all from "../../../base/words/told.json" with { type: "json" };
 import { or } from "./words.js";
 
 const { rules, sentences: known } = all;
-const whole = (pattern) => new RegExp(`^(?:${pattern})$`);
+const whole = (source) => new RegExp(`^(?:${source})$`);
 const [NUMBER, MEASURED, BARE] = [rules.number, rules.measured, rules.bare].map(whole);
 const seen = new Map();
 
