@@ -35,7 +35,7 @@ class Steps(BaseModel):
 
 
 def whole_of(folder: Path) -> Path:
-    """Where a run's calibration is: of a whole inertial unit that was made from it (the newest), else in its own folder.
+    """Where a run's calibration is: of a whole inertial unit made from it (the newest), else in its own folder.
 
     `bench imu --out` names the folder freely; it is found in that of the unit, of all runs, or where that one is.
     """
