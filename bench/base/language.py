@@ -13,6 +13,7 @@ import re
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 LANGUAGES = ("en", "uk", "zh")
 VARIABLES = ("BENCH_LANG", "LC_ALL", "LC_MESSAGES", "LANG")
@@ -43,28 +44,28 @@ def verdict_word(verdict: str) -> str:
     return words(language()).get(f"verdict.{verdict}", verdict)
 
 
-JOINTS = {"; ": "；", ". ": "。", ": ": "：", ", ": "，", " and ": "和", " or ": "或"}
-"""Where a text of several sentences is cut, in this order, and what joins it in Chinese."""
-_AND = {" and ": " і ", " or ": " або "}
-_PLACE = r"(?:(?![;.] )(?s:.))+?"
-_PLACES = {"text": "(?s:.)+?", "lost": "(?s:.)+?", "serial": r"\S+?"}
-_NUMBER = re.compile(r"[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
-
-
 @cache
-def sentences() -> Mapping[str, list[str]]:
-    """English sentences with places `{name}` for values; each in Ukrainian and in Chinese.
+def _catalogue() -> Mapping[str, Any]:
+    """`words/told.json`: its sentences, and the rules by which a text is found among them.
 
-    A place ends where a sentence does; `{text}` takes all, `{serial}` one word, and `{lost}` may be left out.
+    A place `{name}` of a sentence ends where the sentence does; `rules.places` has the pattern of each name that takes
+    another text. `rules.joints` is where a text of several sentences is cut, in this order, with what joins it in each
+    language.
     """
-    found: dict[str, list[str]] = json.loads((files("bench.base") / "words" / "told.json").read_text(encoding="utf-8"))
+    found: dict[str, Any] = json.loads((files("bench.base") / "words" / "told.json").read_text(encoding="utf-8"))
+    return found
+
+
+def sentences() -> Mapping[str, list[str]]:
+    """English sentences with places `{name}` for values; each in Ukrainian and in Chinese."""
+    found: dict[str, list[str]] = _catalogue()["sentences"]
     return found
 
 
 def told(text: str, spoken: str | None = None) -> str | None:
     """An English text of the bench in a language, else in that of the command line; None where it is not known."""
-    spoken = spoken or language()
-    return _told(text, spoken) if text and spoken in ("uk", "zh") else None
+    column = _catalogue()["rules"]["columns"].get(spoken or language())
+    return _told(text, column) if text and column is not None else None
 
 
 def in_own(text: str) -> str:
@@ -75,38 +76,39 @@ def in_own(text: str) -> str:
 @cache
 def _patterns() -> list[tuple[re.Pattern[str], list[str]]]:
     """Sentences as patterns, those with the most letters first."""
-    made = []
+    places, made = _catalogue()["rules"]["places"], []
     for english, own in sentences().items():
         parts = re.split(r"\{(\w+)\}", english)
-        places = (f"(?P<{name}>{_PLACES.get(name, _PLACE)})" for name in parts[1::2])
-        source = "".join(map(str.__add__, map(re.escape, parts[::2]), [*places, ""]))
+        named = (f"(?P<{name}>{places.get(name, places[''])})" for name in parts[1::2])
+        source = "".join(map(str.__add__, map(re.escape, parts[::2]), [*named, ""]))
         made.append((sum(map(len, parts[::2])), re.compile(source), own))
     return [(pattern, own) for _, pattern, own in sorted(made, key=lambda one: -one[0])]
 
 
 @cache
-def _told(text: str, spoken: str) -> str | None:
-    if (plain := _plain(text, spoken)) is not None:
+def _told(text: str, column: int) -> str | None:
+    if (plain := _plain(text, column)) is not None:
         return plain
     for pattern, own in _patterns():
         if match := pattern.fullmatch(text):
-            values = {name: _told(value, spoken) or value for name, value in match.groupdict().items()}
-            return own[spoken == "zh"].format(**values)
-    for joint, chinese in JOINTS.items():
+            values = {name: _told(value, column) or value for name, value in match.groupdict().items()}
+            return own[column].format(**values)
+    rules = _catalogue()["rules"]
+    for joint, *own in rules["joints"]:
         parts = text.split(joint)
-        made = [_told(part, spoken) for part in parts] if len(parts) > 1 else []
+        made = [_told(part, column) for part in parts] if len(parts) > 1 else []
         if any(made):
-            between = chinese if spoken == "zh" else _AND.get(joint, joint)
-            return between.join(one or part for one, part in zip(made, parts, strict=True))
-    bare = _told(text[:-1], spoken) if text[1:].endswith(".") else None
-    return None if bare is None else bare + ("。" if spoken == "zh" else ".")
+            return str(own[column].join(one or part for one, part in zip(made, parts, strict=True)))
+    bare = _told(text[:-1], column) if text[1:].endswith(".") else None
+    return None if bare is None else bare + str(rules["stop"][column])
 
 
-def _plain(text: str, spoken: str) -> str | None:
+def _plain(text: str, column: int) -> str | None:
     """A number, or numbers with units, as the language writes it."""
-    if _NUMBER.fullmatch(text):
-        return (text.replace(".", ",") if spoken == "uk" else text).replace("-", "−")
-    if not re.match(r"[-+−]?\d", text) or " " not in text:
+    rules = _catalogue()["rules"]
+    if re.fullmatch(rules["number"], text):
+        return text.replace(".", rules["decimal"][column]).replace("-", "−")
+    if not re.fullmatch(rules["measured"], text):
         return None
-    parts = [_told(part, spoken) or (part if re.match(r"[-+−±…\d]", part) else None) for part in text.split(" ")]
+    parts = [_told(part, column) or (part if re.fullmatch(rules["bare"], part) else None) for part in text.split(" ")]
     return None if None in parts else " ".join(map(str, parts))

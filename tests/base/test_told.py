@@ -20,7 +20,10 @@ WHOLE = (
     "analysis/judging/validity.py", "analysis/judging/completeness.py", "analysis/diagnosis/grammar.py",
     "analysis/diagnosis/blocks.py", "analysis/diagnosis/describing.py", "analysis/diagnosis/places.py",
     "analysis/diagnosis/proof.py", "commands/calibration/doubts.py", "web/live/story.py", "web/jobs/lanes.py",
-    "web/jobs/workers.py", "web/live/starting.py", "web/people/access.py",
+    "web/jobs/workers.py", "web/live/starting.py", "web/people/access.py", "web/imports/imports.py",
+    "acquisition/importer/doubts.py", "acquisition/importer/header.py", "acquisition/importer/loggers.py",
+    "acquisition/importer/tables.py", "acquisition/importer/text.py", "acquisition/importer/values.py",
+    "acquisition/station/doctor.py",
 )  # fmt: skip
 """Modules below `bench/` whose every sentence a page shows."""
 
@@ -113,6 +116,15 @@ SAMPLES = [
     ("all ramps at 2 degC/min: thermal lag, dT/dt and hysteresis cannot be separated; give some ramps another rate",
      "uk",
      "усі рампи 2 °C/хв: теплове запізнення, dT/dt і гістерезис не розділити; дайте деяким рампам іншу швидкість"),
+    ("log.csv:101: '|t|' is 'abc', not a number; leave a field empty where there is no value, and begin a line that is "
+     "no row with #", "uk",
+     "log.csv:101: '|t|' — 'abc', не число; де немає значення, лишіть поле порожнім, а рядок, що не є рядком таблиці, "
+     "почніть знаком #"),
+    ("no column is rate; the table has t, T; choose it below", "zh", "没有一列是“陀螺输出”；表中有 t, T；请在下方选择"),
+    ("worst 2.5 ms, median 0.1 ms of 10; timeout_s is 1.5", "uk",
+     "найгірша 2,5 мс, медіана 0,1 мс із 10; timeout_s = 1,5"),
+    ("spline: intervals is 'lots', allowed is a whole number from 1 to 200", "zh",
+     "spline：intervals 为 'lots'，允许 1 至 200 的整数"),
     ("like nothing that was ever said", "uk", None),
 ]  # fmt: skip
 

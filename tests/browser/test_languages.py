@@ -86,6 +86,17 @@ def test_the_check_before_a_run_and_before_a_calibration(page):
         assert english(page) == []
 
 
+def test_an_import_of_an_unclear_table_and_of_none(page, tmp_path):
+    table, none = tmp_path / "a.csv", tmp_path / "b.csv"
+    table.write_text("t,T,gyro\n" + "".join(f"{i},{20 + i / 50},{i % 7}\n" for i in range(500)))
+    none.write_text("one column\nof words\n")
+    for file, there in ((none, ".notice.bad"), (table, "#understood")):
+        page.goto("/import")
+        page.locator("input[type=file]").set_input_files(str(file))
+        page.locator(there).first.wait_for()
+        assert english(page) == []
+
+
 def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
     run = bench.run
     bench.moving(run)

@@ -37,6 +37,11 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.get_by_role("button", name=re.compile("^short")).click()
     page.get_by_text("Check passed").wait_for()
     page.get_by_label("Judge by these limits").select_option("short")
+    later = page.get_by_label("Not before")
+    later.fill("2020-01-01T00:00")
+    page.get_by_text("This time has passed").wait_for()
+    assert page.locator("button.giant").is_disabled(), "a planned start never begins at once"
+    later.fill("")
     page.get_by_role("button", name="START").click()
     page.wait_for_url("**/live/SIM-0001/*")
     page.get_by_role("heading", name="PASS").wait_for()

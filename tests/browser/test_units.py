@@ -7,6 +7,7 @@ import pytest
 
 from bench.commands import registry_rebuild
 from bench.record import DiagnosisRecord
+from tests.support.bench_project import until
 from tests.support.fleet_runs import line
 from tests.support.servers import serving
 from tests.support.unit_history import PDF, UNIT, unit_with_history
@@ -144,6 +145,7 @@ def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tm
     page.locator("input[type=file]").set_input_files(str(bad))
     assert "not a readable Parquet file" in page.get_by_role("alert").inner_text()
     page.get_by_role("button", name="Choose a file").wait_for()
+    until(lambda: bad.name not in page.request.get("/api/v1/imports").text())
 
 
 @pytest.mark.parametrize("language", ["uk", "zh"])

@@ -7,7 +7,9 @@ import pytest
 
 from bench.base import library
 from bench.deliver import IMU_FORMATS, MEASURED
+from bench.record import ImuSource, sha256
 from bench.web.ground.settings import Settings
+from bench.web.shelf.steps import whole_of
 from tests.commands.test_live import until
 from tests.deliver.test_imu_certificate import verification
 from tests.support.imu_units import imu_record
@@ -74,9 +76,12 @@ def test_a_certificate_is_refused_by_a_sentence_and_a_draft_is_printed(bench):
 
 def test_a_whole_inertial_unit_is_exported_and_certified_by_its_run(tmp_path):
     folder = make_run(tmp_path / "out" / "SIM-IMU-0042" / "20261121T060000Z_imu_quick", **ramp_run())
-    whole = folder.with_name(f"{folder.name}_imu")
+    whole = tmp_path / "block 7"
     whole.mkdir()
-    imu_record().write(whole)
+    source = ImuSource(file=f"{folder.name}/means.parquet", sha256=sha256(folder / "means.parquet"))
+    imu_record().model_copy(update={"sources": (source,)}).write(whole)
+    other = make_run(tmp_path / "out" / "X" / folder.name, **ramp_run(loop_dph=0.0))
+    assert (whole_of(folder), whole_of(other)) == (whole, other)
     verification().write(whole)
     for kind, name in (("laboratory", "simulated"), ("equipment", "simulated_rate_table")):
         shutil.copy(library() / kind / f"{name}.yaml", whole / f"{kind}.yaml")

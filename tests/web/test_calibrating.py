@@ -176,7 +176,7 @@ def test_a_calibration_whose_plan_was_changed_does_not_go_on(settings):
         ({"station": "nowhere"}, "no station 'nowhere'"),
         ({"unit": "GX-1"}, "unit 'GX-1' is not in station 'simulated'"),
         ({"unit": "GX-1@SIM-0009"}, "no slot 'SIM-0009' for unit 'GX-1'"),
-        ({"unit": "GX@SIM-0001"}, "has no digits"),
+        ({"unit": "GX@SIM-0001"}, "profiles/stations/simulated.yaml: serial number 'GX' has no digits"),
         ({"unit": "../x1@SIM-0001", "operator": "a\u0007b"}, "operator: must be visible characters"),
     ],
 )
@@ -184,6 +184,7 @@ def test_a_calibration_that_cannot_be_is_refused_before_anything_starts(settings
     with served(settings) as client:
         answer = client.post("/api/v1/calibrations", json={"plan": "brief", "unit": "SIM-0001", **wanted})
         assert (answer.status_code, said in answer.json()["detail"]) == (400, True), answer.text
+        assert str(settings.project) not in answer.text
         assert client.get("/api/v1/starts").json() == {"starts": []}
 
 
@@ -210,6 +211,10 @@ def test_a_form_that_is_wrong_is_refused_with_its_field_and_leaves_the_file(sett
         ):
             answer = client.put(f"{put}/equipment", json={"content": content})
             assert (answer.status_code, said in answer.json()["detail"]) == (400, True), answer.text
+            assert "yaml" not in answer.json()["detail"], "who fills in a form sees no file"
+        where = {"laboratory": {"name": "L", "country": "Ukraine"}}
+        answer = client.put(f"{put}/laboratory", json={"content": where})
+        assert answer.json()["detail"] == "laboratory.country is \"Ukraine\": must be written like 'UA'"
         told = client.get(put).json()
         assert client.get("/api/v1/stations/simulated/papers").json()["laboratory"]["content"]["laboratory"]["name"]
     assert file.read_text() == before
@@ -287,6 +292,15 @@ def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(sett
     assert len(begun) == 1
     again.take_up({})
     assert begun == [first["start"], later["start"]]
+
+
+@pytest.mark.parametrize("way", ["starts", "calibrations"])
+def test_a_time_to_begin_that_has_passed_moves_nothing(settings, way):
+    wanted = {"starts": {"plan": "long"}, "calibrations": {"plan": "brief", "unit": "SIM-0001"}}[way]
+    with served(settings) as client:
+        answer = client.post(f"/api/v1/{way}", json={**wanted, "not_before": "2020-01-01T00:00:00Z"})
+        assert (answer.status_code, "which has passed" in answer.json()["detail"]) == (400, True), answer.text
+        assert client.get("/api/v1/starts").json() == {"starts": []}
 
 
 def test_a_time_without_its_zone_is_refused(settings):

@@ -12,6 +12,7 @@ import pytest
 from bench.acquisition import IMPORTED
 from bench.analysis import catalogue as library_of_effects
 from bench.analysis.diagnosis.plan import ChamberLimits, plans
+from bench.base import library
 from bench.commands import load_station
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.steps import STEP_NAMES
@@ -184,6 +185,26 @@ def test_every_effect_that_may_be_missing_is_explained_in_the_readers_language()
     summaries = {f"workbench.summary.{one.name}": one.summary for one in library_of_effects() if one.suspect}
     english = catalogue("en")
     assert {key: text for key, text in english.items() if key.startswith("workbench.summary.")} == summaries
+
+
+def test_a_formula_among_the_rivals_of_a_run_is_written_as_it_can_be_used() -> None:
+    formula = "(k + k_1 * temperature) * lag(dT_dt, tau_s)"
+    assert spoken("pages/workbench/sentence.js", "rival", [formula, "my_effect"]) == [formula, "my effect"]
+
+
+def test_every_shipped_profile_and_set_of_limits_has_a_name_in_the_readers_language() -> None:
+    known = catalogue("en")
+    shipped = [("plan", path) for path in library().glob("*.yaml")]
+    shipped += [("limits", path) for path in library().glob("limits/*.yaml")]
+    shipped += [("calibration", path) for path in library().glob("plans/*.yaml")]
+    assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
+
+
+def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
+    options = {name for one in library_of_effects() for name in one.options}
+    known = catalogue("zh")
+    named = {name: known.get(f"workbench.option.{name}", "") for name in options}
+    assert [name for name, word in named.items() if not re.search("[\u4e00-\u9fff]", word)] == []
 
 
 def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:

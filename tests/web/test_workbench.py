@@ -29,8 +29,11 @@ from tests.support.page_modules import told
 from tests.support.web_client import served
 
 API = "/api/v1"
+
 RUN, OTHER = "SIM-0001/20261121T060000Z_ramp", "SIM-0002/20261121T070000Z_ramp"
+
 SPLINE: dict[str, Any] = {"name": "spline", "effects": [{"effect": "spline", "intervals": 12}]}
+
 LOOP: dict[str, Any] = {"name": "loop", "effects": [*SPLINE["effects"], {"effect": "hysteresis"}]}
 
 
@@ -367,51 +370,6 @@ def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
     assert json.dumps(shown.of) == '"1 s means"'
 
 
-ADDRESS = """
-const { actions } = given;
-let state = page.stateOf("", null);
-const texts = [page.addressOf(state)];
-for (const action of actions) {
-  state = page.change(state, action);
-  texts.push(page.addressOf(state));
-}
-const link = page.stateOf(texts.at(-1));
-console.log(JSON.stringify({ texts, state, link }));
-"""
-
-
-def test_the_address_holds_runs_model_and_what_is_shown() -> None:
-    actions = [
-        {"type": "choose", "runs": [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]},
-        {"type": "add", "effects": [{"effect": "expression", "formula": "k * dT_dt + a & b"}]},
-        {"type": "view", "view": {"figure": "axes", "over": "quadrature"}},
-        {"type": "zoom", "zoom": "h:0.01,0.02"},
-    ]
-    found = told("pages/workbench/state.js", ADDRESS, {"actions": actions})
-    state, link = found["state"], found["link"]
-    assert link["steps"] == [{"model": state["steps"][1]["model"], "label": "spline + expression"}]
-    for key in ("chosen", "figure", "over", "zoom", "picture", "wrong"):
-        assert link[key] == state[key], key
-    assert link["chosen"] == [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]
-    assert found["texts"][0] == ""
-    assert len(set(found["texts"])) == len(actions) + 1
-
-
-def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
-    added = [{"type": "add", "effects": [{"effect": name}]} for name in ("aging", "creep")]
-    back, again = {"type": "undo"}, {"type": "redo"}
-    script = """
-    const names = given.map((actions) => {
-      const { steps, at } = actions.reduce(page.change, page.stateOf(""));
-      return [steps[at].model.effects.map(({ effect }) => effect).join(" "), steps.length];
-    });
-    console.log(JSON.stringify(names));
-    """
-    assert told("pages/workbench/state.js", script, [
-        [*added, back], [*added, back, back, back], [*added, back, again, again], [*added, back, back, added[1], again],
-    ]) == [["spline aging", 3], ["spline", 3], ["spline aging creep", 3], ["spline creep", 2]]  # fmt: skip
-
-
 def test_a_formula_is_added_with_the_effects_that_it_stands_beside_in_one_step(store: Path) -> None:
     model = model_from({"name": "m", "effects": [{"polynomial": {"order": 2}}]})
     after = model_from({"name": "m", "effects": [
@@ -430,42 +388,10 @@ def test_a_formula_is_added_with_the_effects_that_it_stands_beside_in_one_step(s
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "model", ["nonsense", "[]", '{"name":"a"}', '{"name":"a","effects":[]}', '{"name":1,"effects":[{}]}']
-)
-def test_a_model_in_the_address_that_cannot_be_read_is_said_and_not_used(model: str) -> None:
-    script = """
-    const { wrong, steps } = page.stateOf(new URLSearchParams({ model: given }));
-    console.log(JSON.stringify([wrong, steps[0].model.name]));
-    """
-    assert told("pages/workbench/state.js", script, model) == [True, "spline"]
-
-
-def test_a_decimal_comma_is_understood_and_what_is_no_number_stays_what_it_is() -> None:
-    given = ["2,5", "-0.5", "−1,5e2", "auto", "[1, 2]", "1,2,3", "true"]
-    script = "console.log(JSON.stringify(given.map(page.typed)))"
-    wanted = [2.5, -0.5, -150, "auto", [1, 2], "1,2,3", True]
-    assert told("pages/workbench/typed.js", script, given) == wanted
-
-
-def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:
-    new = {"data": [{"name": "measured"}, {"name": "compensated", "meta": "residual", "yaxis": "y2"}], "layout": {}}
-    old = {
-        "data": [
-            {"name": "measured"},
-            {"x": [1], "meta": "residual", "yaxis": "y2", "line": {"color": "blue", "width": 3}},
-        ]
-    }
-    script = "console.log(JSON.stringify(page.haunted(given[0], given[1], 'before')))"
-    drawn = told("pages/workbench/ghost.js", script, [new, old])
-    assert [trace["name"] for trace in drawn["data"]] == ["before", "measured", "compensated"]
-    ghost = drawn["data"][0]
-    assert (ghost["yaxis"], ghost["x"], ghost["line"]["width"]) == ("y2", [1], 3)
-    assert ghost["line"]["color"] != "blue"
-
-
 LATIN = r"[A-Za-z]{3,}"
+
 KEPT = {"SIM-0001", "ramp", "spline", "RMS", "Allan", "loop", "min", "span", "soak", "again"}
+
 """Names and signs that every language writes so."""
 
 
@@ -537,18 +463,3 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     for sentence in (text for case in chinese for text in case):
         assert re.search("[\u4e00-\u9fff]", sentence)
         assert not re.search(rf"[{{}}]|undefined|{LATIN}", sentence.replace("RMS", "")), sentence
-
-
-def test_a_moment_of_one_figure_is_found_in_the_others() -> None:
-    head = ["time [s]", "temperature [degC]", "bias [deg/h]", "model [deg/h]"]
-    rows = [[60.0 * i, 20.0 + (i if i < 50 else 100 - i), 1.0 + 0.1 * (i >= 50), 1.0] for i in range(100)]
-    script = """
-    const csv = given;
-    console.log(JSON.stringify([
-      page.momentOf("time", csv, { x: 1.5, y: 0 }), page.momentOf("temperature", csv, { x: 30, y: 1.1 }),
-      page.momentOf("temperature", csv, { x: 30, y: 1.0 }), page.placeOf("temperature", csv, 5400),
-      page.placeOf("time", csv, 5400), page.placeOf("loop", csv, 1e6), page.placeOf("allan", null, 5400),
-    ]));
-    """
-    found = told("pages/workbench/moment.js", script, [head, *rows])
-    assert found == [5400, 5400, 600, 30, 1.5, None, None]

@@ -12,8 +12,8 @@ from typing import Any, cast
 from sqlalchemy import Connection, delete, func, insert, select
 from sqlalchemy import Table as SqlTable
 
-from bench.analysis import Verdict
 from bench.archive.registry.tables import Calibration, Certificate, Run, Summary, Unit
+from bench.record import Verdict
 
 SUMMARIES = cast(SqlTable, Summary.__table__)
 _AT_ONCE = 500

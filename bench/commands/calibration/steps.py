@@ -95,7 +95,7 @@ def check_order(order: Order) -> list[str]:
     for name in order.profiles():
         checked = acquisition.check_on(load_profile(order.document(name)), station)
         late += [segment.name for segment in checked.late]
-        warnings += [f"{name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
+        warnings += [f"{Path(name).name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
     if late:
         raise InputError(f"segments of the profiles would fail on this station: {', '.join(late)}", order.path)
     return warnings

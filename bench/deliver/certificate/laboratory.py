@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, model_validator
 
@@ -52,7 +52,7 @@ class Party(BaseModel):
     """Name."""
     address: str = ""
     """Postal address."""
-    country: str | None = Field(None, pattern="^[A-Z]{2}$")
+    country: Annotated[str, Field(pattern="^[A-Z]{2}$", examples=["UA"])] | None = None
     """Country, two letters (ISO 3166-1), for the digital certificate."""
 
 

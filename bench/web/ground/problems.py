@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 from fastapi import FastAPI, Request
@@ -66,6 +67,15 @@ def one_line(text: str) -> str:
     return "; ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
+def within(project: Path, text: str) -> str:
+    """The text with paths below the project as they are from there: nobody at a page needs the server's folders."""
+    return text.replace(f"{project}/", "").replace(f"{project.resolve()}/", "")
+
+
+def _problem_of(request: Request, status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
+    return problem(status, within(request.app.state.settings.project, detail), headers)
+
+
 M = TypeVar("M", bound=BaseModel)
 
 
@@ -97,7 +107,7 @@ def add_problems(app: FastAPI) -> None:
 async def _http(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     headers = dict(error.headers) if error.headers else None
-    return problem(error.status_code, str(error.detail), headers)
+    return _problem_of(request, error.status_code, str(error.detail), headers)
 
 
 async def _unlike(request: Request, error: Exception) -> JSONResponse:
@@ -113,11 +123,12 @@ async def _unlike(request: Request, error: Exception) -> JSONResponse:
 async def _bench(request: Request, error: Exception) -> JSONResponse:
     kinds = ((NotFoundError, 404), (CountingError, 503), (EquipmentError, 502), (RunAborted, 409), (BenchError, 400))
     status = next(status for kind, status in kinds if isinstance(error, kind))
-    return problem(status, str(error), {"Retry-After": "1"} if isinstance(error, CountingError) else None)
+    again = {"Retry-After": "1"} if isinstance(error, CountingError) else None
+    return _problem_of(request, status, str(error), again)
 
 
 async def _driver(request: Request, error: Exception) -> JSONResponse:
-    return problem(400 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 502, str(error))
+    return _problem_of(request, 400 if isinstance(error, (ConfigError, LimitError, IdentityError)) else 502, str(error))
 
 
 async def _files(request: Request, error: Exception) -> JSONResponse:

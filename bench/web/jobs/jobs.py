@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from pydantic import BaseModel
 
+from bench.web.ground.problems import within
 from bench.web.jobs.lanes import Full, Job, Jobs, Lane, key_of
 
 __all__ = ["Asked", "Jobs", "jobs_of", "key_of", "lifespan", "router", "submit"]
@@ -72,7 +73,7 @@ async def job(request: Request, job: str, wait_s: Annotated[float, Query(ge=0.0,
     if wait_s and not known.ended:
         await _ended(jobs_of(request), known, wait_s)
         _job_of(request, job)
-    return _response(jobs_of(request), known)
+    return _response(request, known)
 
 
 @router.delete("/jobs/{job}", response_model=JobAnswer)
@@ -80,7 +81,7 @@ async def release(request: Request, job: str) -> Response:
     """Stop waiting for a job; it is cancelled when no page waits for it."""
     known = _job_of(request, job)
     jobs_of(request).release(known)
-    return _response(jobs_of(request), known)
+    return _response(request, known)
 
 
 def _job_of(request: Request, id_: str) -> Job:
@@ -103,10 +104,11 @@ async def _ended(jobs: Jobs, job: Job, wait_s: float) -> None:
         await asyncio.wait_for(ended.wait(), wait_s)
 
 
-def _response(jobs: Jobs, job: Job) -> Response:
+def _response(request: Request, job: Job) -> Response:
     # The result is JSON already; parsing it here would block the server for all requests.
     state = job.state
-    elapsed_s = job.elapsed_s if job.ended else jobs.age_s(job)
-    head = {"job": job.id, "kind": job.kind, "state": state, "detail": job.detail, "elapsed_s": round(elapsed_s, 3)}
+    elapsed_s = job.elapsed_s if job.ended else jobs_of(request).age_s(job)
+    detail = within(request.app.state.settings.project, job.detail)
+    head = {"job": job.id, "kind": job.kind, "state": state, "detail": detail, "elapsed_s": round(elapsed_s, 3)}
     result = job.result if state == "done" else b"null"
     return Response(json.dumps(head).encode()[:-1] + b', "result": ' + result + b"}", media_type="application/json")

@@ -16,7 +16,7 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +26,8 @@ from bench.web.live.outcomes import LOCK, outcome, waits
 
 KEPT = 200
 """Number of starts that are kept; the oldest are removed, their runs stay."""
+_LATE = timedelta(minutes=1)
+"""A time to begin may have passed by this: people give whole minutes."""
 
 State = Literal["waiting", "starting", "running", "ended", "refused"]
 
@@ -109,8 +111,16 @@ class Starts:
         """What may wait for its equipment; at first all that there is."""
 
     def begin(self, order: Order, in_use: Mapping[str, str]) -> dict[str, Any]:
-        """Start a run; InUse where another one uses its equipment. `in_use`: equipment of live runs, with texts."""
+        """Start a run; InUse where another one uses its equipment. `in_use`: equipment of live runs, with texts.
+
+        InputError where the time before which it must not begin has passed: nothing moves at once that was planned.
+        """
         with self._lock:
+            if order.not_before is not None and order.not_before < self._now() - _LATE:
+                given = order.not_before.isoformat(timespec="minutes")
+                raise InputError(
+                    f"not_before is {given}, which has passed: give a later time, or none to start at once"
+                )
             in_use = {**in_use, **self.in_use()}
             taken = sorted(order.equipment & in_use.keys())
             later = order.not_before is not None and order.not_before > self._now()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,7 +15,7 @@ from bench.base import Document, InputError, dump, parse_yaml, read_yaml
 from bench.commands import PAPERS, Papers, own_paper
 from bench.deliver import load_instruments, load_laboratory
 from bench.record import write_atomically
-from bench.web.ground.problems import one_line
+from bench.web.ground.problems import one_line, within
 from bench.web.ground.settings import Here, Settings
 from bench.web.people.access import Engineer
 from bench.web.plans import catalog
@@ -57,9 +58,11 @@ def papers(station: Station, here: Here) -> PapersOfStation:
         own = own_paper(kind, settings, here.project / "profiles")
         try:
             given = read_yaml(own) if own.is_file() else getattr(Papers.of_station(settings), kind)
-            found[kind] = Paper(file=given and str(given.file), content=given and given.content)
+            file = given and within(here.project, str(given.file))
+            found[kind] = Paper(file=file, content=given and given.content)
         except InputError as error:
-            found[kind] = Paper(file=str(own), content=None, problem=one_line(str(error)))
+            problem = within(here.project, one_line(str(error)))
+            found[kind] = Paper(file=within(here.project, str(own)), content=None, problem=problem)
     return PapersOfStation(station=station, **found)
 
 
@@ -70,10 +73,13 @@ def fill_in(station: Station, kind: Kind, filled: Filled, here: Here, who: Engin
     file = _writable(own_paper(kind, settings, here.project / "profiles"), here)
     content = _without_empty(filled.content) or {}
     document = parse_yaml(f"{_head(kind)}{dump(content)}", file.name)
-    _LOAD[kind](document)
+    try:
+        _LOAD[kind](document)
+    except InputError as error:  # who fills in a form sees no lines of a file
+        raise InputError(re.sub(rf"(?m)^{re.escape(file.name)}:(?:\d+:)? ", "", str(error))) from None
     file.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(file, document.text.encode())
-    return Paper(file=str(file), content=content)
+    return Paper(file=within(here.project, str(file)), content=content)
 
 
 def _head(kind: str) -> str:

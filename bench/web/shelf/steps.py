@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -13,6 +14,7 @@ from bench.record import (
     ImuRecord,
     ImuVerificationRecord,
     VerificationRecord,
+    sha256,
 )
 from bench.web.live.story import sound
 
@@ -31,9 +33,27 @@ class Steps(BaseModel):
 
 
 def whole_of(folder: Path) -> Path:
-    """Where a run's calibration is: of a whole inertial unit in a folder beside the run, else in the run's own."""
-    beside = folder.with_name(f"{folder.name}_imu")
-    return beside if (beside / ImuRecord.FILE).is_file() else folder
+    """Where a run's calibration is: of a whole inertial unit made from it (the newest), else in its own folder.
+
+    `bench imu --out` names the folder freely; it is found in that of the unit, of all runs, or where that one is.
+    """
+    means, places = folder / "means.parquet", list(folder.parents)[:3]
+    files = [file for place in places for file in place.glob(f"*/{ImuRecord.FILE}")]
+    made = [(*_origin(file.parent, file.stat().st_mtime_ns), file.parent) for file in files]
+    name = f"{folder.name}/{means.name}"
+    if not any(name == file for _, sources, _ in made for file, _ in sources) or not means.is_file():
+        return folder
+    own = (name, sha256(means))
+    return max(((created, whole) for created, sources, whole in made if own in sources), default=("", folder))[1]
+
+
+@lru_cache(maxsize=256)
+def _origin(whole: Path, changed_ns: int) -> tuple[str, frozenset[tuple[str, str]]]:
+    """When the calibration in a folder was made, and from which files: their names and digests."""
+    record = sound(ImuRecord, whole)
+    return (
+        ("", frozenset()) if record is None else (record.created, frozenset((s.file, s.sha256) for s in record.sources))
+    )
 
 
 def steps_of(folder: Path) -> Steps:

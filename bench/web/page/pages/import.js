@@ -2,6 +2,7 @@
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { channelWord, duration, number, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
@@ -93,8 +94,8 @@ function Understood({ shown, kinds, choice, change, busy }) {
   const rest = understood ? columns.filter((one) => !used.has(one.name)) : [];
   return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
       ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
-    ${shown.problem && html`<div class="notice warn" role="alert"><p>${shown.problem}</p></div>`}
-    ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p>${text}</p></div>`)}
+    ${shown.problem && html`<div class="notice warn" role="alert"><p><${Said} text=${shown.problem} /></p></div>`}
+    ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
     ${table(kinds.channels.filter(there))}
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
     ${rest.length > 0 && html`<p class="soft">${t("import.rest")} ${rest.map((one) => one.name).join(", ")}</p>`}
@@ -107,7 +108,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
 function Done({ result, again }) {
   const [unit] = result.run.split("/");
   return html`<div class="panel stack"><h2><${Lamp} tone="good">${t("import.done")}<//></h2><p class="mono">${result.run}</p>
-    ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p>${text}</p></div>`)}
+    ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
     <div class="row"><a class="button primary" href=${`/workbench?run=${encodeURIComponent(result.run)}`}>${t("import.to_workbench")}</a>
       <a class="button" href=${`/units/${encodeURIComponent(unit)}`}>${t("import.to_unit", { unit })}</a>
       <button onClick=${again}>${t("import.another")}</button></div></div>`;
@@ -137,13 +138,15 @@ export default function Import() {
     form.append("file", file);
     setState({ step: "sending", file: file.name });
     setChoice({});
+    let taken = null;
     try {
       if (file.size > kinds.most_bytes) throw new Error(t("import.too_large", { size: bytes(file.size), most: bytes(kinds.most_bytes) }));
       if (CAN_LOGS.test(file.name) && !dbc) throw new Error(t("import.needs_dbc"));
-      const taken = await upload("/imports", form);
+      taken = await upload("/imports", form);
       merge({ step: "reading", id: taken.import, file: taken.file });
       await read(taken.job, ticket);
     } catch (trouble) {
+      if (taken) remove(url`/imports/${taken.import}`).catch(() => {}); // nothing can be done with it
       if (turn.current === ticket) setState({ step: "drop", error: trouble });
     }
   }

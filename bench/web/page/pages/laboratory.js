@@ -10,7 +10,7 @@ import { Said } from "../lib/said.js";
 
 // Path of each field in the file; `!` must be filled in.
 const LABORATORY = [
-  ["laboratory.name", "text", true], ["laboratory.address", "text"], ["laboratory.country", "text"], ["place", "text"],
+  ["laboratory.name", "text", true], ["laboratory.address", "text"], ["laboratory.country", "country"], ["place", "text"],
   ["authorised_by.name", "text", true], ["authorised_by.function", "text"],
   ["customer.name", "text"], ["customer.address", "text"], ["item.model", "text"], ["item.condition", "text"],
 ];
@@ -93,7 +93,7 @@ function Form({ kind, station, paper, empty, Fields }) {
   return html`<form class="panel stack" aria-labelledby=${kind} onSubmit=${save}><h2 id=${kind}>${t(`papers.${kind}`)}</h2>
     <p class="small soft">${paper.content || paper.problem ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
     <${Trouble} error=${paper.problem || null} />
-    <${Fields} content=${content} change=${change} setContent=${setContent} />
+    <${Fields} content=${content} change=${change} />
     <${Trouble} error=${state.error} />
     <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t("papers.save")}<span class="unseen"> ${t(`papers.${kind}`)}</span></button>` : html`<p>${t("papers.engineers")}</p>`}
       <span role="status">${state.saved && t("papers.saved")}</span></div>
@@ -102,20 +102,25 @@ function Form({ kind, station, paper, empty, Fields }) {
 
 function Field({ id, label, type, required, value, change }) {
   const number = (text) => (text === "" ? "" : Number(text));
+  const kinds = {
+    number: { type, step: "any", min: 1e-9 },
+    country: { type: "text", pattern: "[A-Z]{2}", maxLength: 2, title: t("papers.country_like") },
+    text: { type, pattern: required ? ".*\\S.*" : undefined },
+  };
   return html`<div class="field"><label for=${id}>${label}${required && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
     ${type === "unit" ? html`<select id=${id} value=${value} onChange=${(event) => change(event.target.value)}>${UNITS.map((unit) => html`<option key=${unit} value=${unit} selected=${unit === value}>${unit || "–"}</option>`)}</select>`
-      : html`<input id=${id} type=${type} step="any" required=${required} value=${value} onInput=${(event) => change(type === "number" ? number(event.target.value) : event.target.value)} />`}</div>`;
+      : html`<input id=${id} ...${kinds[type] ?? { type }} required=${required} value=${value} onInput=${(event) => change(type === "number" ? number(event.target.value) : event.target.value)} />`}</div>`;
 }
 
 const LaboratoryFields = ({ content, change }) => html`<div class="papers-fields">
   ${LABORATORY.map(([path, type, required]) => html`<${Field} key=${path} id=${path} type=${type} required=${required} label=${t(`papers.field.${path}`)} value=${at(content, path)} change=${(value) => change(path, value)} />`)}</div>`;
 
-function Instruments({ content, change, setContent }) {
+function Instruments({ content, change }) {
   const tools = content.equipment ?? [];
   return html`${tools.map((tool, index) => html`<fieldset key=${index}><legend>${t("papers.instrument", { n: index + 1 })}</legend>
       <div class="papers-fields">${INSTRUMENT.map(([path, type, required]) => html`<${Field} key=${path} id=${`tool${index}.${path}`} type=${type} required=${required}
         label=${t(`papers.tool.${path}`)} value=${at(tool, path)} change=${(value) => change(`equipment.${index}.${path}`, value)} />`)}</div>
-      ${tools.length > 1 && html`<button type="button" class="narrow" onClick=${() => setContent({ ...content, equipment: tools.filter((_, other) => other !== index) })}>${t("papers.remove")}<span class="unseen"> ${tool.name ?? ""}</span></button>`}
+      ${tools.length > 1 && html`<button type="button" class="narrow" onClick=${() => change("equipment", tools.filter((_, other) => other !== index))}>${t("papers.remove")}<span class="unseen"> ${tool.name ?? ""}</span></button>`}
     </fieldset>`)}
-    <p><button type="button" class="narrow" onClick=${() => setContent({ ...content, equipment: [...tools, {}] })}>${t("papers.add")}</button></p>`;
+    <p><button type="button" class="narrow" onClick=${() => change("equipment", [...tools, {}])}>${t("papers.add")}</button></p>`;
 }

@@ -77,7 +77,7 @@ function Replay({ path }) {
     ${result && html`<p role="status"><${Lamp} tone=${result.identical ? "good" : "bad"}>${t(result.identical ? "run.replay.same" : "run.replay.other", { n: changes.length })}<//></p>
       <p class="small soft">${t(result.from_frames ? "run.replay.frames" : "run.replay.tables")}</p>
       ${result.failed && html`<p><${Said} text=${result.failed} /></p>`}
-      ${changes.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("run.replay")}><table lang="en"><tbody>
+      ${changes.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("run.replay")}><table><thead><tr>${Object.keys(changes[0]).map((key) => html`<th key=${key} scope="col">${t(`run.replay.${key}`)}</th>`)}</tr></thead><tbody>
         ${changes.slice(0, 40).map((change, index) => html`<tr key=${index}>${Object.entries(change).map(([key, value]) => html`<td key=${key} class="mono small">${cell(value)}</td>`)}</tr>`)}</tbody></table></div>`}`}
   <//>`;
 }

@@ -15,6 +15,8 @@ import { Said } from "../../lib/said.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
 
+const MINUTE_MS = 60_000;
+
 /** Limits that were chosen for each plan in this browser. */
 const lastLimits = remembered("limits_of", {});
 
@@ -43,7 +45,8 @@ export function Ready({ order, plan, station, limits, begun }) {
       setStarting(false);
     }
   };
-  const ready = result?.ok && !starting;
+  const passed = later !== "" && new Date(later).getTime() < Date.now() - MINUTE_MS;
+  const ready = result?.ok && !starting && !passed;
   return html`<div class="ready">
     <div class="ready-plan panel">
       <${Facts} plan=${plan} result=${result} station=${station} units=${order.units} />
@@ -63,7 +66,8 @@ export function Ready({ order, plan, station, limits, begun }) {
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
       <${StartButton} ready=${ready} starting=${starting} later=${later} start=${() => start()} />
       <div class="field"><label for="later">${t("ready.later")}</label>
-        <input id="later" type="datetime-local" value=${later} onInput=${(event) => setLater(event.target.value)} /></div>
+        <input id="later" type="datetime-local" value=${later} aria-invalid=${passed ? "true" : undefined} aria-describedby="later-wrong" onInput=${(event) => setLater(event.target.value)} />
+        <p id="later-wrong" class="tone-bad small" role="status">${passed && t("ready.passed")}</p></div>
     </div>
   </div>`;
 }
@@ -72,7 +76,7 @@ function StartButton({ ready, starting, later, start }) {
   const button = useRef(null);
   useEffect(() => {
     // Enter starts the run after the check has ended, unless another element has the focus.
-    if (ready && (document.activeElement === document.body || document.activeElement?.id === "question")) button.current.focus();
+    if (ready && (document.activeElement === document.body || ["question", "main"].includes(document.activeElement?.id))) button.current.focus();
   }, [ready]);
   return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} onClick=${start}>
     ${starting ? t("ready.starting") : later ? t("ready.plan_it") : t("ready.start")}

@@ -2,4 +2,4 @@
 import { or } from "../../lib/words.js";
 
 /** "thermal lag" for `thermal_lag`. */
-export const effectWord = (name) => or(`workbench.effect.${name}`, name.replaceAll("_", " "));
+export const effectWord = (name) => or(`workbench.effect.${name}`, /^\w+$/.test(name) ? name.replaceAll("_", " ") : name);

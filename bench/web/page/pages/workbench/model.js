@@ -1,5 +1,5 @@
 // The current model: its effects, another model to start with, a name to save it.
-import { html, t, api, measured, useEffect, useState } from "./parts.js";
+import { html, or, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
@@ -19,11 +19,12 @@ function useOptions() {
 
 /** One option of an effect, changed in place; the server says what is wrong with a value. */
 function Option({ of, name, value, busy, change }) {
-  const label = t("workbench.model.option", { option: name, effect: effectWord(of) });
+  const word = or(`workbench.option.${name}`, name);
+  const label = t("workbench.model.option", { option: word, effect: effectWord(of) });
   if (typeof value === "boolean") {
-    return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> ${name}</label>`;
+    return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> <span title=${name}>${word}</span></label>`;
   }
-  return html`<label class="wb-option">${name} <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
+  return html`<label class="wb-option"><span title=${name}>${word}</span> <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
     value=${written(value)} onChange=${(event) => change(typed(event.target.value))} /></label>`;
 }
 

@@ -82,7 +82,7 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}</p>
     ${one.beside.length > 0 && html`<p>${t("workbench.formula.beside", { effects: one.beside.map(effectWord).join(", ") })}</p>`}
     <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
-    ${one.equivalent.length > 0 && html`<p class="wb-warn">⇄ ${one.equivalent.slice(0, 3).map((text) => html`<code key=${text}>${text}</code> `)}</p>`}
+    ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${text}</code></p>`)}
     ${one.caution && html`<p class="wb-warn"><${Said} text=${one.caution} /></p>`}
   </li>`)}</ol>`;
 }
