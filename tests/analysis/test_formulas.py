@@ -49,7 +49,7 @@ def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_
 
 @pytest.mark.slow
 def test_a_slow_effect_that_the_run_alone_cannot_tell_is_named_where_the_check_run_bears_it():
-    unit = cases.case(("aging",), 1.0, 8, outside.RUN, MODEL)
+    unit = cases.case(("aging",), 1.0, 6, outside.RUN, MODEL)
     run, check, still = unit.run(outside.RUN), unit.run(outside.CHECK), unit.quiet(cases.STATIC, 4)
     assert diagnose([run], MODEL, static=still).found == ()
     answer = diagnose([run], MODEL, check=[check], static=still)
@@ -108,13 +108,38 @@ def test_noise_gives_no_formula(quiet):
     assert (answer.formulas, answer.to_json()["formulas"]) == ((), [])
 
 
+def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
+    run, _ = quiet
+    seconds = np.arange(run.time[0], run.time[-1])
+    case, air = (np.interp(seconds, run.time, run.channels[n]) for n in ("temperature", "chamber_temperature"))
+    glue, slow, hinge = (np.empty(len(seconds)) for _ in range(3))
+    relaxed, behind, dragged = case[0], case[0], air[0] - case[0]
+    for i, (unit, gap) in enumerate(zip(case, air - case, strict=True)):
+        relaxed += (unit - relaxed) / 900.0 * np.exp(0.03 * (unit - 25.0))
+        behind += np.clip(unit - behind, -0.8 / 60.0, 0.8 / 60.0)
+        dragged = np.clip(dragged, gap - 3.0, gap + 3.0)
+        glue[i], slow[i], hinge[i] = unit - relaxed, unit - behind, dragged
+    grammar = Grammar([run], [np.isfinite(run.bias)])
+    driver = next(block for block in grammar.drivers() if block.text == "lag(dT_dt, {tau_s})")
+    blocks = [*grammar.alone(), *driver.variants(run.time[-1])]
+    for start, values, truth in (
+        ("(temperature - lag(temperature", {"tau_s": 900.0, "faster": 0.03}, glue),
+        ("(temperature - slew(", {"per_min": 0.8}, slow),
+        ("play((chamber", {"width": 3.0}, hinge),
+    ):
+        block = next(block for block in blocks if block.text.startswith(start))
+        effect = Expression("k * " + block.text.format(**{name: name for name in values}), dict(block.bounds))
+        column = effect.columns(run, values)[:, 0]
+        assert np.corrcoef(column, np.interp(run.time, seconds, truth))[0, 1] > 0.999, start
+
+
 def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):
     run, _ = quiet
     grammar = Grammar([run], [np.isfinite(run.bias)])
     formulas = [*grammar.singles(), *grammar.pairs(), grammar.line([600.0, 900.0])]
     assert len(formulas) > 300
     grown = [one for formula in grammar.singles() for one in grammar.grown(formula, formula.grid()[0])]
-    assert {"lag(dT_dt, tau_s * exp(-faster * (temperature - 25)))", "delay(dT_dt, late_s)"} <= {
+    assert {"lag(dT_dt, tau_s * exp(faster * (25 - temperature)))", "delay(dT_dt, late_s)"} <= {
         formula.product(formula.names) for formula, _ in grown
     }
     for formula, theta in [*((formula, formula.grid()[0]) for formula in formulas), *((f, g[0]) for f, g in grown)]:

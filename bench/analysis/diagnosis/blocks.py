@@ -43,8 +43,18 @@ class Block:
         if not self.drives:
             return found
         if self.text.startswith("lag(") and self.text.count("{") == 1:
-            warm = "{tau_s} * exp(-{faster} * (temperature - 25))"
+            warm = "{tau_s} * exp({faster} * (25 - temperature))"
             turned = "{tau_s} * (1 + {slower} * direction)"
+            if self.text == "lag(dT_dt, {tau_s})":  # with a time constant that changes it is no memory of the slope
+                found.append(
+                    self._with(
+                        "faster",
+                        (-0.12, 0.12),
+                        (-0.03, 0.03, 0.06),
+                        f"(temperature - lag(temperature, {warm}))",
+                        "a part that follows the temperature, faster when it is warm",
+                    )
+                )
             found += [
                 self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), self.text.replace("{tau_s}", warm),
                            f"{self.words}, faster when it is warm"),

@@ -132,7 +132,9 @@ class Grammar:
             Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
                   "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
         ]  # fmt: skip
+        blocks += [self._vapour("temperature", "temperature"), self._behind()]
         if self.gap:
+            blocks += [self._vapour("chamber_temperature", "air's temperature"), self._hinge()]
             blocks.append(self._film("(chamber_temperature - temperature)", "the air is warmer than the unit"))
             blocks.append(self._film("(temperature - chamber_temperature)", "the unit is warmer than the air"))
         for name in self.switched:
@@ -169,6 +171,30 @@ class Grammar:
             grid,
             places=2,
         )
+
+    def _vapour(self, name: str, called: str) -> Block:
+        """What is taken up and given off by its pressure, which is an exponential of a temperature."""
+        tried = tuple((faster, *one) for faster in (-0.06, 0.06) for one in lags(self.length_s / 2.0, 2))
+        bounds = (("faster", (-0.12, 0.12)), ("tau_s", (20.0, max(self.length_s / 2.0, 100.0))))
+        words = f"the memory of an exponential of the {called}"
+        return Block(f"lag(exp({{faster}} * ({name} - 25)), {{tau_s}})", words, "", bounds, tried)
+
+    def _behind(self) -> Block:
+        """What a part that follows the temperature no faster than at some rate is behind it."""
+        pairs = zip(self._records, self._masks, strict=True)
+        most = max(float(np.nanmax(np.abs(record.dT_dt[mask]))) for record, mask in pairs)
+        words = "how far a part that follows the temperature at a limited rate is behind"
+        tried = tuple((share * most,) for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95))
+        text = "(temperature - slew(temperature, {per_min}))"
+        return Block(text, words, "degC", (("per_min", (0.02 * most, most)),), tried)
+
+    def _hinge(self) -> Block:
+        """What the gap between air and unit drags along with play."""
+        pairs = zip(self._records, self._masks, strict=True)
+        wide = max(float(np.ptp((r.channels["chamber_temperature"] - r.channel("temperature"))[m])) for r, m in pairs)
+        words = "what the gap between air and unit drags along with play"
+        bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
+        return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
 
     @staticmethod
     def _film(gap: str, words: str) -> Block:

@@ -19,18 +19,18 @@ from typing import Any, cast
 
 import numpy as np
 
-from bench.analysis.effects.operators import extreme, integral, latch, play, ramp_invariant_lag, shifted, slope
+from bench.analysis.effects.operators import extreme, integral, latch, play, ramp_invariant_lag, shifted, slew, slope
 from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
-    "lag": 2, "delay": 2, "play": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
+    "lag": 2, "delay": 2, "play": 2, "slew": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
     "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
 }  # fmt: skip
-"""Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, latch(x,
-high, low), 1 from where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours
-since the run began, highest(x) and lowest(x) of the run so far. The time constant of a lag may change with a
-channel."""
+"""Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, slew(x,
+per_min) that follows x no faster than this, latch(x, high, low), 1 from where x rises above `high` until it falls
+below `low` and else 0, total(x), the integral over hours since the run began, highest(x) and lowest(x) of the run so
+far. The time constant of a lag may change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
@@ -40,6 +40,7 @@ _MEMORY: dict[str, Callable[..., FloatArray]] = {
     "lag": ramp_invariant_lag,
     "delay": lambda time_s, x, late_s: shifted(time_s, x, float(late_s)),
     "play": lambda _, x, width: play(x, float(width)),
+    "slew": lambda time_s, x, per_min: slew(time_s, x, float(per_min)),
     "latch": lambda _, x, high, low: latch(x, float(high), float(low)),
     "total": lambda time_s, x: integral(time_s, x) / 3600.0,
     "highest": lambda time_s, x: extreme(time_s, x, highest=True),

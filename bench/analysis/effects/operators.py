@@ -35,6 +35,11 @@ def play(value: FloatArray, half_width: float) -> FloatArray:
     return _bridged(lambda _, u: _play(u, half_width), value, value)
 
 
+def slew(time_s: FloatArray, value: FloatArray, per_min: float) -> FloatArray:
+    """What follows a record (n,) no faster than `per_min` [its unit per minute]; starts on it."""
+    return _bridged(lambda time, u: _slew(time, u, abs(per_min) / 60.0), time_s, value)
+
+
 def latch(value: FloatArray, high: float, low: float) -> FloatArray:
     """Relay with hysteresis of a record (n,): 1 from where it rises above `high` until it falls below `low`, else 0.
 
@@ -138,6 +143,14 @@ def _play(value: FloatArray, half_width: float) -> FloatArray:
         low[reach:], high[reach:] = (np.clip(end[:-reach], low[reach:], high[reach:]) for end in (low, high))
         reach *= 2
     return low
+
+
+def _slew(time_s: FloatArray, value: FloatArray, per_s: float) -> FloatArray:
+    followed = value.copy()
+    at = float(value[0])
+    for row, (wanted, step) in enumerate(zip(value[1:].tolist(), (np.diff(time_s) * per_s).tolist(), strict=True), 1):
+        followed[row] = at = min(max(wanted, at - step), at + step)
+    return followed
 
 
 def _bouc_wen(value: FloatArray, length: float) -> FloatArray:
