@@ -139,7 +139,7 @@ def answers(here: Path, meanwhile: Callable[[], object]) -> None:
             begun = time.perf_counter()
             answer = client.get(f"/api/v1{route}", timeout=600.0)
             text = f"{time.perf_counter() - begun:.3f}"
-            while answer.status_code == 503:
+            while answer.status_code == 202:
                 time.sleep(0.1)
                 answer = client.get(f"/api/v1{route}", timeout=600.0)
             if (whole := time.perf_counter() - begun) > 2.0 * float(text) + 0.1:

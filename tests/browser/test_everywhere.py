@@ -3,10 +3,8 @@
 Pictures of the pages are made on the way where `BENCH_SCREENS` names a folder for them.
 """
 
-import json
 import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -16,11 +14,11 @@ from bench.mystery.mystery import make_mystery
 from bench.web.people import people
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.fleet_runs import line
+from tests.support.page_modules import catalogue
 from tests.support.servers import serving
 from tests.support.unit_history import UNIT, unit_with_history
 from tests.support.visiting import DESKTOP, PHONE, TABLET, picture
 
-WORDS = Path(__file__).parents[2] / "bench" / "web" / "page" / "words"
 SEED = 7  # hides `aging`
 GRAVE = {"serious", "critical"}
 STATIONS = {"simulated"}
@@ -131,7 +129,7 @@ SAID = """() => {
 
 def untranslated(said, language):
     """Texts that are a key, have a placeholder left, or are English though this language has another word."""
-    english, own = (json.loads((WORDS / f"{name}.json").read_text()) for name in ("en", language))
+    english, own = map(catalogue, ("en", language))
     heads = "|".join(sorted({re.escape(key.split(".")[0]) for key in english}))
     key = re.compile(rf"^({heads})\.[a-z0-9_.-]+$")
     foreign = {text for name, text in english.items() if isinstance(text, str) and own[name] != text}

@@ -19,3 +19,9 @@ def told(module, script, given=None):
     done = node(command, return_completed_process=True, **ways)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+def catalogue(language):
+    """Words of the page in a language, by key."""
+    files = (SOURCE / "words" / part / f"{language}.json" for part in ("", "workbench"))
+    return {key: words for file in files for key, words in json.loads(file.read_text(encoding="utf-8")).items()}

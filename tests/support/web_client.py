@@ -34,7 +34,7 @@ class _Repeating(httpx.HTTPTransport):
     def handle_request(self, request: httpx.Request) -> httpx.Response:
         while True:
             answer = super().handle_request(request)
-            if answer.status_code != 503 or "retry-after" not in answer.headers:
+            if answer.status_code != 202 or "retry-after" not in answer.headers:
                 return answer
             answer.close()
 

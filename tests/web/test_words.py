@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from bench.base import library
 from bench.commands import load_station
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.steps import STEP_NAMES
-from tests.support.page_modules import SOURCE, told
+from tests.support.page_modules import SOURCE, catalogue, told
 
 LANGUAGES = ("en", "uk", "zh")
 PLURALS = {"en": {"one", "other"}, "uk": {"one", "few", "many", "other"}, "zh": {"other"}}
@@ -24,12 +23,6 @@ PLURALS = {"en": {"one", "other"}, "uk": {"one", "few", "many", "other"}, "zh": 
 
 KEY = re.compile(r"""(?<![\w.$])(?:t|words\.t)\(\s*["']([^"']+)["']""")
 PATTERN = re.compile(r"""(?<![\w.$])(?:t|words\.t)\(\s*`([^`]+)`""")
-
-
-def catalogue(language: str) -> dict[str, Any]:
-    """Words of a language by key."""
-    content: dict[str, Any] = json.loads((SOURCE / "words" / f"{language}.json").read_text(encoding="utf-8"))
-    return content
 
 
 def forms(entry: str | dict[str, str]) -> dict[str, str]:

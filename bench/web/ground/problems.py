@@ -42,7 +42,7 @@ class NotFoundError(InputError):
 
 
 class CountingError(BenchError):
-    """What a request asks for takes longer than anybody waits; the answer is 503 with Retry-After."""
+    """What a request asks for takes longer than anybody waits; the answer is 202 with Retry-After."""
 
 
 class Problem(BaseModel):
@@ -121,7 +121,7 @@ async def _unlike(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _bench(request: Request, error: Exception) -> JSONResponse:
-    kinds = ((NotFoundError, 404), (CountingError, 503), (EquipmentError, 502), (RunAborted, 409), (BenchError, 400))
+    kinds = ((NotFoundError, 404), (CountingError, 202), (EquipmentError, 502), (RunAborted, 409), (BenchError, 400))
     status = next(status for kind, status in kinds if isinstance(error, kind))
     again = {"Retry-After": "1"} if isinstance(error, CountingError) else None
     return _problem_of(request, status, str(error), again)

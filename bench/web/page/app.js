@@ -6,7 +6,7 @@ import { live } from "./lib/live.js";
 import { Busy, Trouble } from "./lib/parts.js";
 import { here, match, navigate, takeLinks } from "./lib/router.js";
 import { session, useStore } from "./lib/store.js";
-import { language, speak, t } from "./lib/words.js";
+import { language, speak, speakOfAll, t } from "./lib/words.js";
 import { stateWord } from "./pages/live/words.js";
 
 export { live, traces } from "./lib/live.js"; // what the page knows, for tests and measurements
@@ -24,7 +24,7 @@ const PAGES = {
   unit: () => import("./pages/unit.js"),
   units: () => import("./pages/units.js"),
   verdict: () => import("./pages/verdict.js"),
-  workbench: () => import("./pages/workbench/main.js"),
+  workbench: async () => (await Promise.all([import("./pages/workbench/main.js"), speakOfAll()]))[0],
 };
 /** Components of the pages that were fetched; each gets {params, query}. */
 const fetched = {};

@@ -33,7 +33,7 @@ async function send(method, path, /** @type {{body?: any, form?: FormData, signa
     if (error.name === "AbortError") throw error;
     throw new ApiError(0, t("error.unreachable"));
   }
-  const later_s = method === "GET" && response.status === 503 && Number(response.headers.get("Retry-After"));
+  const later_s = method === "GET" && response.status === 202 && Number(response.headers.get("Retry-After"));
   if (!later_s) return answer(response);
   await new Promise((done) => setTimeout(done, 1000 * later_s)); // it is being counted
   return send(method, path, { signal });

@@ -21,13 +21,28 @@ const catalogues = {
   zh: () => import("../words/zh.json", { with: { type: "json" } }),
 };
 
+/** Words that only the workbench says: no other page waits for them. */
+const further = {
+  en: () => import("../words/workbench/en.json", { with: { type: "json" } }),
+  uk: () => import("../words/workbench/uk.json", { with: { type: "json" } }),
+  zh: () => import("../words/workbench/zh.json", { with: { type: "json" } }),
+};
+let all = false;
+
 /** Fetch the words of a language and use it; without one: of the one chosen before, else the browser's. */
 export async function speak(name) {
   if (name) chosen.set(name);
   const next = name ?? preferred();
-  words = (await catalogues[next]()).default; // each has all keys
+  const parts = await Promise.all([catalogues[next](), all ? further[next]() : { default: {} }]);
+  words = { ...parts[0].default, ...parts[1].default }; // each language has all keys
   document.documentElement.lang = next === "zh" ? "zh-Hans" : next;
   language.set(next);
+}
+
+/** Fetch the words of the workbench, too. */
+export function speakOfAll() {
+  all = true;
+  return speak();
 }
 
 /**

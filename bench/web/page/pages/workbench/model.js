@@ -22,9 +22,9 @@ function Option({ of, name, value, busy, change }) {
   const word = or(`workbench.option.${name}`, name);
   const label = t("workbench.model.option", { option: word, effect: effectWord(of) });
   if (typeof value === "boolean") {
-    return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> <span title=${name}>${word}</span></label>`;
+    return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> <span title=${`${name}:`}>${word}</span></label>`;
   }
-  return html`<label class="wb-option"><span title=${name}>${word}</span> <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
+  return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
     value=${written(value)} onChange=${(event) => change(typed(event.target.value))} /></label>`;
 }
 
