@@ -168,7 +168,9 @@ def spoken(module: str, call: str, given: Any, language: str = "zh") -> Any:
     """What a function of a module gives for each of the given values in a language."""
     script = f"""
     globalThis.document = {{ documentElement: {{}} }};
-    await (await import(new URL("{SOURCE.as_uri()}/lib/words.js"))).speak("{language}");
+    const words = await import(new URL("{SOURCE.as_uri()}/lib/words.js"));
+    await words.speak("{language}");
+    await words.speakOfAll();
     console.log(JSON.stringify(given.map(page.{call})));
     """
     return told(module, script, given)

@@ -401,6 +401,7 @@ def in_chinese(answers: list[dict[str, Any]]) -> list[list[Any]]:
     globalThis.document = { documentElement: {} };
     const words = await import(new URL("../../lib/words.js", process.argv[1]));
     await words.speak("zh");
+    await words.speakOfAll();
     const said = (answer) => {
       const { data, layout } = page.spoken(answer.figure);
       const bars = data.flatMap((trace) => [trace.colorbar, trace.marker?.colorbar]).map((bar) => bar?.title?.text);
@@ -451,6 +452,7 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     globalThis.document = { documentElement: {} };
     const words = await import(new URL("../../lib/words.js", process.argv[1]));
     const said = [];
+    await words.speakOfAll();
     for (const name of ["en", "uk", "zh"]) { await words.speak(name); said.push(given.map(page.sentences)); }
     console.log(JSON.stringify(said));
     """

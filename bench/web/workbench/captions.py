@@ -75,5 +75,6 @@ def _four(value: float) -> dict[str, Any]:
 
 @cache
 def _catalogue() -> Mapping[str, Any]:
-    content: Mapping[str, Any] = json.loads((files("bench.web") / "page/words/en.json").read_text(encoding="utf-8"))
+    words = files("bench.web") / "page/words/workbench/en.json"
+    content: Mapping[str, Any] = json.loads(words.read_text(encoding="utf-8"))
     return content
