@@ -46,15 +46,9 @@ class Block:
             warm = "{tau_s} * exp({faster} * (25 - temperature))"
             turned = "{tau_s} * (1 + {slower} * direction)"
             if self.text == "lag(dT_dt, {tau_s})":  # with a time constant that changes it is no memory of the slope
-                found.append(
-                    self._with(
-                        "faster",
-                        (-0.12, 0.12),
-                        (-0.03, 0.03, 0.06),
-                        f"(temperature - lag(temperature, {warm}))",
-                        "a part that follows the temperature, faster when it is warm",
-                    )
-                )
+                behind = f"(temperature - lag(temperature, {warm}))"
+                words = "a part that follows the temperature, faster when it is warm"
+                found.append(self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), behind, words))
             found += [
                 self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), self.text.replace("{tau_s}", warm),
                            f"{self.words}, faster when it is warm"),

@@ -8,14 +8,14 @@ grows by a further block, by what one of its blocks becomes with one parameter m
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
-from bench.base import INSTRUMENTS, BoolArray
+from bench.base import INSTRUMENTS, BoolArray, FloatArray
 from bench.record import Dataset
 
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
@@ -181,8 +181,7 @@ class Grammar:
 
     def _behind(self) -> Block:
         """What a part that follows the temperature no faster than at some rate is behind it."""
-        pairs = zip(self._records, self._masks, strict=True)
-        most = max(float(np.nanmax(np.abs(record.dT_dt[mask]))) for record, mask in pairs)
+        most = max(float(np.nanmax(np.abs(part))) for part in self._parts(lambda record: record.dT_dt))
         words = "how far a part that follows the temperature at a limited rate is behind"
         tried = tuple((share * most,) for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95))
         text = "(temperature - slew(temperature, {per_min}))"
@@ -190,8 +189,8 @@ class Grammar:
 
     def _hinge(self) -> Block:
         """What the gap between air and unit drags along with play."""
-        pairs = zip(self._records, self._masks, strict=True)
-        wide = max(float(np.ptp((r.channels["chamber_temperature"] - r.channel("temperature"))[m])) for r, m in pairs)
+        gaps = self._parts(lambda record: record.channels["chamber_temperature"] - record.channel("temperature"))
+        wide = max(float(np.ptp(part)) for part in gaps)
         words = "what the gap between air and unit drags along with play"
         bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
         return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
@@ -311,8 +310,12 @@ class Grammar:
         blocks += [Block(name, f"the {name}", "") for name in self.switched]
         return blocks
 
+    def _parts(self, values: Callable[[Dataset], FloatArray]) -> list[FloatArray]:
+        """Values of each record at the rows that are searched."""
+        return [values(record)[mask] for record, mask in zip(self._records, self._masks, strict=True)]
+
     def _range(self, name: str) -> Bounds:
-        values = np.concatenate([r.channel(name)[m] for r, m in zip(self._records, self._masks, strict=True)])
+        values = np.concatenate(self._parts(lambda record: record.channel(name)))
         return float(np.nanmin(values)), float(np.nanmax(values))
 
     def _moves(self, name: str) -> bool:

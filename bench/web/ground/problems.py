@@ -33,7 +33,7 @@ _MEANINGS = {
     422: "The request does not match its description",
     429: "Too many wrong tokens or requests; Retry-After says when to try again",
     502: "The equipment or the run failed",
-    503: "Not available at present; where it is being counted, Retry-After says when to ask again",
+    503: "Not available at present",
 }
 
 
