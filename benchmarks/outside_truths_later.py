@@ -254,6 +254,113 @@ def two_loops(w: World, rng: np.random.Generator) -> FloatArray:
     return (w.case - dragged) * (1.0 + w.case / rng.uniform(60.0, 120.0))
 
 
+# The following were written before limits, dead zones, modes and steps that take their time, and led to them.
+
+
+def swelling_bond(w: World, rng: np.random.Generator) -> FloatArray:
+    """A bond takes up water slowly from cold air and dries much faster in warm air."""
+    takes_s, dries_s, level = log_uniform(rng, 3000, 9000), log_uniform(rng, 600, 2000), 0.5
+    swollen = np.empty(len(w.air))
+    for second, air in enumerate(w.air.tolist()):
+        wanted = 1.0 / (1.0 + np.exp((air - 15.0) / 12.0))
+        level += (wanted - level) / (takes_s if wanted > level else dries_s)
+        swollen[second] = level
+    return swollen
+
+
+def cold_trap(w: World, rng: np.random.Generator) -> FloatArray:
+    """Gas of the package condenses on a part below one temperature, and comes back above it; it damps the mode."""
+    at, gas, pressure = rng.uniform(-15.0, 15.0), 1.0, np.empty(len(w.case))
+    freezes_s, melts_s = log_uniform(rng, 800, 3000), log_uniform(rng, 300, 1200)
+    for second, case in enumerate(w.case.tolist()):
+        gas += -gas / freezes_s if case < at else (1.0 - gas) / melts_s
+        pressure[second] = gas
+    return pressure
+
+
+def heated_board(w: World, rng: np.random.Generator) -> FloatArray:
+    """A heater of the board has a thermostat with a band of its own; its heat reaches the sensor later."""
+    on_at, band, on = rng.uniform(-20.0, 0.0), rng.uniform(6.0, 15.0), False
+    heat = np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        on = case < on_at + band if on else case < on_at
+        heat[second] = float(on)
+    return follows(heat, log_uniform(rng, 100, 600))
+
+
+def trapped_charge(w: World, rng: np.random.Generator) -> FloatArray:
+    """The drive's voltage charges a dielectric, faster when it is warm; the charge leaks away slowly."""
+    fills, leaks_s, level = rng.uniform(20.0, 35.0), log_uniform(rng, 4000, 12000), 0.0
+    charge = np.empty(len(w.case))
+    flow = (w.drive / float(np.mean(w.drive))) ** 2 * np.exp((w.case - 25.0) / fills)
+    for second, value in enumerate(flow.tolist()):
+        level += value * (1.0 - level) / 6000.0 - level / leaks_s
+        charge[second] = level
+    return charge
+
+
+def stick_and_slip(w: World, rng: np.random.Generator) -> FloatArray:
+    """A foot sticks until the strain under it is too large, and slips to rest then."""
+    most, rests, strain = rng.uniform(12.0, 30.0), float(w.case[0]), np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        if abs(case - rests) > most:
+            rests = case
+        strain[second] = case - rests
+    return strain
+
+
+def fanned_wall(w: World, rng: np.random.Generator) -> FloatArray:
+    """A cover follows the air faster while the compressor's fan blows, and pulls the frame that follows the plate."""
+    blown_s, still_s, cover = log_uniform(rng, 60, 150), log_uniform(rng, 500, 1200), float(w.air[0])
+    behind = np.empty(len(w.air))
+    for second, (air, runs) in enumerate(zip(w.air.tolist(), w.compressor.tolist(), strict=True)):
+        cover += (air - cover) * (runs / blown_s + (1.0 - runs) / still_s)
+        behind[second] = air - cover
+    return behind
+
+
+def touching_strip(w: World, rng: np.random.Generator) -> FloatArray:
+    """A strip presses on the housing only where the gradient through it is beyond its clearance."""
+    gradient = w.case - follows(w.case, log_uniform(rng, 200, 700))
+    clearance = rng.uniform(0.3, 0.6) * float(np.max(np.abs(gradient)))
+    return np.sign(gradient) * np.maximum(np.abs(gradient) - clearance, 0.0)
+
+
+def crossed_modes(w: World, rng: np.random.Generator) -> FloatArray:
+    """The drive's frequency crosses a mode of the package: the phase turns, the error changes its sign there."""
+    span = float(np.ptp(w.frequency))
+    away = (w.frequency - rng.uniform(0.3, 0.7) * span - float(w.frequency.min())) / (rng.uniform(0.04, 0.15) * span)
+    return away / (1.0 + away**2)
+
+
+def soaked_capacitor(w: World, rng: np.random.Generator) -> FloatArray:
+    """A capacitor of the supply's filter takes up charge late, and leaks with temperature into the reference."""
+    late = w.supply - follows(w.supply, log_uniform(rng, 300, 2000))
+    return np.asarray(late * np.exp((w.case - 25.0) / rng.uniform(20.0, 40.0)))
+
+
+def squared_gradient(w: World, rng: np.random.Generator) -> FloatArray:
+    """A gradient between two parts detunes both springs alike: it acts by its square."""
+    return np.asarray((follows(w.case, log_uniform(rng, 60, 200)) - follows(w.case, log_uniform(rng, 300, 900))) ** 2)
+
+
+def warm_driver(w: World, rng: np.random.Generator) -> FloatArray:
+    """The drive's stage warms itself by its power, and its offset changes with that and the board's temperature."""
+    power = follows((w.drive / float(np.mean(w.drive))) ** 2, log_uniform(rng, 200, 1500))
+    return (power - float(np.mean(power))) * (follows(w.case, 300.0) + rng.uniform(10.0, 60.0))
+
+
+def yielding_solder(w: World, rng: np.random.Generator) -> FloatArray:
+    """Solder creeps by the hyperbolic sine of its stress, and by temperature; what is left of the stress acts."""
+    scale, warm, strain = rng.uniform(5.0, 12.0), rng.uniform(20.0, 40.0), float(w.case[0])
+    slow_s, stress = log_uniform(rng, 1500, 6000), np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        rate = np.sinh(min(max((case - strain) / scale, -6.0), 6.0)) * np.exp((case - 25.0) / warm)
+        strain += scale * rate / slow_s
+        stress[second] = case - strain
+    return stress
+
+
 GROUPS = {
     "after the third time, before a check run had a say": (
         outgassing,
@@ -288,6 +395,20 @@ GROUPS = {
         water_in_a_slab,
         quadrature_with_a_threshold,
         two_loops,
+    ),
+    "before limits, dead zones and steps that take their time": (
+        swelling_bond,
+        cold_trap,
+        heated_board,
+        trapped_charge,
+        stick_and_slip,
+        fanned_wall,
+        touching_strip,
+        crossed_modes,
+        soaked_capacitor,
+        squared_gradient,
+        warm_driver,
+        yielding_solder,
     ),
 }
 """By when they were written."""

@@ -57,6 +57,13 @@ def test_a_slow_effect_that_the_run_alone_cannot_tell_is_named_where_the_check_r
 
 
 @pytest.mark.slow
+def test_ageing_is_named_beside_another_effect():
+    unit = cases.case(("thermal_lag", "aging"), 1.0, 10_003, cases.TWO_RATES, MODEL)
+    answer = diagnose([unit.run(cases.TWO_RATES)], MODEL, static=unit.quiet(cases.STATIC, 4))
+    assert [suspect.effect for suspect in answer.found] == ["thermal_lag", "aging"]
+
+
+@pytest.mark.slow
 def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
     run, still = quiet
     wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)
@@ -112,13 +119,20 @@ def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
     run, _ = quiet
     seconds = np.arange(run.time[0], run.time[-1])
     case, air = (np.interp(seconds, run.time, run.channels[n]) for n in ("temperature", "chamber_temperature"))
-    glue, slow, hinge = (np.empty(len(seconds)) for _ in range(3))
-    relaxed, behind, dragged = case[0], case[0], air[0] - case[0]
+    glue, slow, hinge, strip = (np.empty(len(seconds)) for _ in range(4))
+    relaxed, behind, dragged, follows = case[0], case[0], air[0] - case[0], case[0]
     for i, (unit, gap) in enumerate(zip(case, air - case, strict=True)):
         relaxed += (unit - relaxed) / 900.0 * np.exp(0.03 * (unit - 25.0))
         behind += np.clip(unit - behind, -0.8 / 60.0, 0.8 / 60.0)
         dragged = np.clip(dragged, gap - 3.0, gap + 3.0)
-        glue[i], slow[i], hinge[i] = unit - relaxed, unit - behind, dragged
+        follows += (unit - follows) / 300.0
+        pressed = max(abs(unit - follows) - 1.5, 0.0)
+        glue[i], slow[i], hinge[i], strip[i] = (
+            unit - relaxed,
+            unit - behind,
+            dragged,
+            np.copysign(pressed, unit - follows),
+        )
     grammar = Grammar([run], [np.isfinite(run.bias)])
     driver = next(block for block in grammar.drivers() if block.text == "lag(dT_dt, {tau_s})")
     blocks = [*grammar.alone(), *driver.variants(run.time[-1])]
@@ -126,6 +140,7 @@ def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
         ("(temperature - lag(temperature", {"tau_s": 900.0, "faster": 0.03}, glue),
         ("(temperature - slew(", {"per_min": 0.8}, slow),
         ("play((chamber", {"width": 3.0}, hinge),
+        ("dead_zone(lag(dT_dt", {"tau_s": 300.0, "zone": 1.5 / 5.0}, strip),
     ):
         block = next(block for block in blocks if block.text.startswith(start))
         effect = Expression("k * " + block.text.format(**{name: name for name in values}), dict(block.bounds))
@@ -143,6 +158,7 @@ def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):
         formula.product(formula.names) for formula, _ in grown
     }
     for formula, theta in [*((formula, formula.grid()[0]) for formula in formulas), *((f, g[0]) for f, g in grown)]:
+        assert tuple(parameter.name for parameter in formula.parameters) == formula.names  # theta goes by this order
         effect = effect_from(entry_text(formula.near(theta)))
         assert effect == formula.near(theta)
         assert [p.low < value < p.high for p, value in zip(effect.parameters, theta, strict=True)] == [True] * len(

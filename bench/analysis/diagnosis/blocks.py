@@ -36,28 +36,29 @@ class Block:
     """The same with its reference value as a parameter."""
     drives: bool = False
     """Whether it may act late, through a memory, or by another power of itself."""
+    most: float = 0.0
+    """Size that it reaches about 0, where it may also have limits, a dead zone or play."""
 
-    def variants(self, length_s: float) -> list[Block]:
-        """The block with one parameter more, which comes last in its text; `length_s` is that of the longest run."""
+    def variants(self, length_s: float, switched: Sequence[str] = ()) -> list[Block]:
+        """The block with one parameter more, which comes last in its text; `length_s` is that of the longest run.
+
+        A time constant may change with channels that are `switched`.
+        """
         found = [] if self.looser is None else [self.looser]
         if not self.drives:
             return found
-        if self.text.startswith("lag(") and self.text.count("{") == 1:
-            warm = "{tau_s} * exp({faster} * (25 - temperature))"
-            turned = "{tau_s} * (1 + {slower} * direction)"
-            if self.text == "lag(dT_dt, {tau_s})":  # with a time constant that changes it is no memory of the slope
-                behind = f"(temperature - lag(temperature, {warm}))"
-                words = "a part that follows the temperature, faster when it is warm"
-                found.append(self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), behind, words))
-            found += [
-                self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), self.text.replace("{tau_s}", warm),
-                           f"{self.words}, faster when it is warm"),
-                self._with("slower", (-0.9, 0.9), (-0.5, 0.5), self.text.replace("{tau_s}", turned),
-                           f"{self.words}, not the same heating and cooling"),
-            ]  # fmt: skip
+        if "{tau_s})" in self.text:
+            warm = self.text.replace("{tau_s}", "{tau_s} * exp({faster} * (25 - temperature))")
+            found.append(self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), warm,
+                                    f"{self.words}, faster when it is warm"))  # fmt: skip
+            for name, words in (("direction", "not the same heating and cooling"),
+                                *((name, f"faster or slower by the {name}") for name in switched)):  # fmt: skip
+                turned = self.text.replace("{tau_s}", f"{{tau_s}} * (1 + {{slower}} * {name})")
+                found.append(self._with("slower", (-0.9, 0.9), (-0.5, 0.5), turned, f"{self.words}, {words}"))
         memories = tuple(tau for (tau,) in lags(length_s / 2.0, 1))
         return [
             *found,
+            *self.bent(),
             self._with("memory_s", (20.0, max(length_s, 200.0)), memories, f"lag({self.text}, {{memory_s}})",
                        f"the memory of {self.words}"),
             self._with("late_s", (0.0, min(3000.0, 0.2 * length_s)), tuple(0.02 * length_s * i for i in (0.2, 0.7, 2)),
@@ -68,10 +69,27 @@ class Block:
                        f"a power of the size of {self.words}"),
         ]  # fmt: skip
 
+    def bent(self) -> list[Block]:
+        """The block through what is no straight line, if it has a size: limits, a dead zone, play."""
+        if not self.most:
+            return []
+        ends, tried = (0.01 * self.most, 2.0 * self.most), tuple(share * self.most for share in (0.1, 0.3, 0.6))
+        inner = ends[0], 0.9 * self.most
+        return [
+            self._with("limit", ends, tried, f"tanh({self.text}/{{limit}})", f"{self.words}, limited"),
+            self._with("zone", inner, tried, f"dead_zone({self.text}, {{zone}})", f"{self.words} outside a dead zone"),
+            self._with("width", inner, tried, f"play({self.text}, {{width}})", f"{self.words} with play"),
+        ]
+
+    def squared(self) -> Block:
+        """The square of the block."""
+        return replace(self, text=f"({self.text})**2", words=f"the square of {self.words}", unit=f"({self.unit})^2",
+                       drives=False)  # fmt: skip
+
     def _with(self, name: str, ends: Bounds, tried: Sequence[float], text: str, words: str) -> Block:
         """One parameter more; what is made of it grows no further."""
         grid = tuple((*own, value) for own in self.grid for value in tried)
-        unit = "" if name == "power" else self.unit
+        unit = "" if name in {"power", "limit"} else self.unit
         return replace(
             self, text=text, words=words, unit=unit, bounds=(*self.bounds, (name, ends)), grid=grid, looser=None,
             drives=False,

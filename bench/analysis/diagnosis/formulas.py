@@ -8,6 +8,7 @@ over them). What chance reaches is learnt from noise simulated from the model al
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -33,6 +34,8 @@ _BEAM = 6  # leaders that are refined, and grown
 _GROWN = 3  # leaders that grow
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
+_LOOKED_AT = 1000  # best entries of the grid
+_ALIKE = 3  # leaders that may share a block
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
 _PEAKS = 6  # of the periodogram
@@ -83,7 +86,7 @@ class FormulaSearch:
         rough = scan.base[0] - scan.values[:, 0] - paid
         found = [
             self._refined(formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
-            for index in self._leaders(rough, scan)
+            for index in self._leaders(rough, scan, formulas)
         ]
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
@@ -162,14 +165,17 @@ class FormulaSearch:
         best = (scan.base - scan.values - paid[:, None]).max(axis=0)
         return max(0.0, float(np.quantile(best, 1.0 - WRONGLY_NAMED)))
 
-    def _leaders(self, rough: FloatArray, scan: Scan) -> list[int]:
-        """The formulas that are best on the grid, each once."""
+    def _leaders(self, rough: FloatArray, scan: Scan, formulas: Sequence[Formula]) -> list[int]:
+        """The formulas that are best on the grid, each once; few with the same block, which would crowd out others."""
         found: list[int] = []
-        for entry in np.argsort(-rough)[:400]:
+        shares: Counter[str] = Counter()
+        for entry in np.argsort(-rough)[:_LOOKED_AT]:
             index = int(scan.which[entry])
-            if index in found or scan.excited[entry] < 1e-6:
+            blocks = [block.text for block in formulas[index].blocks]
+            if index in found or scan.excited[entry] < 1e-6 or max(shares[text] for text in blocks) >= _ALIKE:
                 continue
             found.append(index)
+            shares.update(blocks)
             if len(found) >= 2 * _BEAM:
                 break
         return found
@@ -215,7 +221,7 @@ class FormulaSearch:
         rough = self._surface.height(self._best) - scan.values[:, 0] - library.paid(candidates) - price
         found = [
             self._refined(longer[index][0], candidates[index], scan.starts(index, points), price)
-            for index in self._leaders(rough, scan)[:_BRANCHES]
+            for index in self._leaders(rough, scan, [formula for formula, _ in longer])[:_BRANCHES]
             if rough[scan.which == index].max() > one.evidence - _NEAR
         ]
         return sorted(found, key=lambda each: -each.evidence)

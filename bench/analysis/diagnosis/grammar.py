@@ -42,7 +42,10 @@ class Grammar:
 
     def singles(self) -> list[Formula]:
         """Formulas of one block."""
-        alone = [Formula((block,)) for block in (*self.drivers(), *self.alone(), *self.bends())]
+        drivers = self.drivers()
+        bent = [bent for block in drivers for bent in block.bent()]
+        bent += [block.squared() for block in drivers if block.most and block.bounds]
+        alone = [Formula((block,)) for block in (*drivers, *bent, *self.alone(), *self.bends())]
         return [*alone, *(Formula((block,), pair=True) for block in self.lines())]
 
     def pairs(self) -> list[Formula]:
@@ -80,7 +83,7 @@ class Grammar:
                 continue
             end = sum(len(one.bounds) for one in formula.blocks[: number + 1])
             first = end - len(block.bounds)
-            for variant in block.variants(self.length_s):
+            for variant in block.variants(self.length_s, self.switched):
                 blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
                 # Its own parameters may have stood for the one that it lacked: they are tried anew, too.
                 own = dict.fromkeys((*((*values[first:end], one[-1]) for one in variant.grid), *variant.grid))
@@ -97,22 +100,26 @@ class Grammar:
 
     def drivers(self) -> list[Block]:
         """What may act by itself: the rate of change and its memory, the loop, the gap to the air, each channel."""
+        fastest = max(float(np.nanmax(np.abs(part))) for part in self._parts(lambda record: record.dT_dt))
         blocks = [
-            Block("dT_dt", "dT/dt", "degC/min"),
+            Block("dT_dt", "dT/dt", "degC/min", most=fastest),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(dT_dt + abs(dT_dt))", "dT/dt of heating alone", "degC/min"),
             Block("(dT_dt - abs(dT_dt))", "dT/dt of cooling alone", "degC/min"),
             Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
-            lagged("dT_dt", "dT/dt", "degC/min", self.length_s),
+            replace(lagged("dT_dt", "dT/dt", "degC/min", self.length_s), most=fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.length_s, every=2),
             loop("temperature", self.temperature, "degC"),
         ]
         if self.gap:
-            gap = "(chamber_temperature - temperature)"
-            words = "the gap between air and unit"
-            blocks += [Block(gap, words, "degC"), lagged(gap, words, "degC", self.length_s, every=2)]
+            gap, words, most = "(chamber_temperature - temperature)", "the gap between air and unit", self._widest()
+            blocks += [
+                Block(gap, words, "degC", most=most),
+                replace(lagged(gap, words, "degC", self.length_s, every=2), most=most),
+            ]
         for name in self.moved:
             blocks += self._channel(name)
+        blocks += self._resonances()
         for name in self.switched:
             blocks += [Block(name, f"the {name}", ""), lagged(name, f"the {name}", "", self.length_s, every=2)]
         return [replace(block, drives=True) for block in blocks]
@@ -121,20 +128,33 @@ class Grammar:
         """What acts by itself and is scaled by nothing: starts, exposure that adds up, what is fast of a channel."""
         length_s, (low, high) = self.length_s, self.temperature
         rates = tuple((f, h) for f in (0.02, 0.05, 0.1) for h in (0.05, 0.2, 0.8))
+        latch = self._latch()
         blocks = [
             Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
             Block("total((temperature - {centre}) + abs(temperature - {centre}))", "time spent above a temperature",
                   "degC h", (("centre", (low, high)),), _inner(low, high, 9), places=1),
-            self._latch(),
+            latch,
+            replace(latch, text=f"lag({latch.text}, {{tau_s}})", words=f"the memory of {latch.words}",
+                    bounds=(*latch.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
+                    grid=tuple((*one, tau) for one in latch.grid for tau in (200.0, 800.0))),
             Block("highest(temperature)", "the highest temperature so far", "degC"),
             Block("lowest(temperature)", "the lowest temperature so far", "degC"),
             Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
             Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
                   "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
         ]  # fmt: skip
-        blocks += [self._vapour("temperature", "temperature"), self._behind()]
+        blocks += [
+            self._vapour("temperature", "temperature"),
+            self._behind(),
+            self._relaxing(),
+            self._turned("temperature", "temperature"),
+        ]
         if self.gap:
-            blocks += [self._vapour("chamber_temperature", "air's temperature"), self._hinge()]
+            blocks += [
+                self._vapour("chamber_temperature", "air's temperature"),
+                self._hinge(),
+                self._turned("chamber_temperature", "air's temperature"),
+            ]
             blocks.append(self._film("(chamber_temperature - temperature)", "the air is warmer than the unit"))
             blocks.append(self._film("(temperature - chamber_temperature)", "the unit is warmer than the air"))
         for name in self.switched:
@@ -144,11 +164,10 @@ class Grammar:
                 blocks.append(replace(lagged(rises, f"the {words} of the {name}", "", length_s), drives=True))
         for name in self.moved:
             low, high = self._range(name)
-            slow = f"({name} - {0.5 * (low + high):.6g})"
             fast = f"({name} - lag({name}, {{tau_s}}))**2"
             ends, tried = (("tau_s", (30.0, max(length_s / 4.0, 100.0))),), lags(length_s / 4.0, 2)
             blocks += [
-                lagged(slow, f"the {name}", unit_of(name), length_s / 2.0, every=2),
+                self._wound(name),
                 replace(loop(name, (low, high), unit_of(name)), drives=True),
                 Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried,
                       drives=True),
@@ -159,9 +178,8 @@ class Grammar:
         """What snaps over above one temperature, and back below a lower one."""
         low, high = self.temperature
         span = high - low
-        grid = tuple(
-            (*one, share * span) for one in _inner(low, high, 15) for share in (0.03, 0.09, 0.15, 0.21, 0.27, 0.36)
-        )
+        shares = (0.03, 0.09, 0.15, 0.21, 0.27, 0.36)
+        grid = tuple((*one, share * span) for one in _inner(low, high, 15) for share in shares)
         ends = (("centre", (low, high)), ("width", (0.005 * span, 0.5 * span)))
         return Block(
             "latch(temperature, {centre} + {width}, {centre} - {width})",
@@ -187,13 +205,47 @@ class Grammar:
         text = "(temperature - slew(temperature, {per_min}))"
         return Block(text, words, "degC", (("per_min", (0.02 * most, most)),), tried)
 
+    def _relaxing(self) -> Block:
+        """What follows the temperature, faster or slower when it is warm."""
+        tried = tuple((*one, faster) for one in lags(self.length_s, 1) for faster in (-0.03, 0.03, 0.06))
+        bounds = (("tau_s", (20.0, max(self.length_s, 200.0))), ("faster", (-0.12, 0.12)))
+        return Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
+                     "a part that follows the temperature, faster when it is warm", "degC", bounds, tried)  # fmt: skip
+
     def _hinge(self) -> Block:
         """What the gap between air and unit drags along with play."""
-        gaps = self._parts(lambda record: record.channels["chamber_temperature"] - record.channel("temperature"))
-        wide = max(float(np.ptp(part)) for part in gaps)
+        wide = 2.0 * self._widest()
         words = "what the gap between air and unit drags along with play"
         bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
         return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
+
+    def _widest(self) -> float:
+        """The largest gap between air and unit [degC]."""
+        gaps = self._parts(lambda record: record.channels["chamber_temperature"] - record.channel("temperature"))
+        return max(float(np.max(np.abs(part))) for part in gaps)
+
+    def _turned(self, name: str, called: str) -> Block:
+        """What changes over at one temperature, and takes its time."""
+        low, high = self._range(name)
+        span = high - low
+        tried = tuple((*one, share * span, *tau) for one in _inner(low, high, 11) for share in (0.02, 0.1)
+                      for tau in lags(self.length_s / 4.0, 2))  # fmt: skip
+        bounds = (("centre", (low, high)), ("width", (0.005 * span, 0.4 * span)),
+                  ("tau_s", (20.0, max(self.length_s / 2.0, 100.0))))  # fmt: skip
+        words = f"the memory of a step over the {called}"
+        return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
+                     drives=True)  # fmt: skip
+
+    def _wound(self, name: str) -> Block:
+        """An integral of a channel that runs into its limits."""
+        low, high = self._range(name)
+        summed = f"total(({name} - {{centre}}))"
+        most = (high - low) * self.length_s / 3600.0
+        ends = (0.0002 * most, 0.5 * most)
+        tried = tuple((*one, share * most) for one in _inner(low, high, 9) for share in (0.002, 0.006, 0.02, 0.08))
+        bounds = (("centre", (low, high)), ("width", ends))
+        return Block(f"({summed} - play({summed}, {{width}}))", f"an integral of the {name} between two limits",
+                     f"{unit_of(name)} h", bounds, tried, places=1)  # fmt: skip
 
     @staticmethod
     def _film(gap: str, words: str) -> Block:
@@ -201,6 +253,21 @@ class Grammar:
         flow = f"total({gap} + {{loss}} * ({gap} - abs({gap})))"
         return Block(f"({flow} - lowest({flow}))", f"a film that grows while {words}", "degC h",
                      (("loss", (-0.45, 5.0)),), ((-0.25,), (0.0,), (0.5,), (2.0,)))  # fmt: skip
+
+    def _resonances(self) -> list[Block]:
+        """A mode that the frequency meets: its size and its phase over the distance from it."""
+        if "frequency" not in self.moved:
+            return []
+        low, high = self._range("frequency")
+        span = high - low
+        away = "((frequency - {centre})/{width})"
+        tried = tuple((*one, share * span) for one in _inner(low, high, 11) for share in (0.05, 0.15))
+        bounds = (("centre", (low, high)), ("width", (0.01 * span, 0.5 * span)))
+        return [
+            Block(f"1/(1 + {away}**2)", "a mode that the frequency meets", "", bounds, tried, places=1),
+            Block(f"{away}/(1 + {away}**2)", "the phase of a mode that the frequency meets", "", bounds, tried,
+                  places=1),
+        ]  # fmt: skip
 
     def _channel(self, name: str) -> list[Block]:
         low, high = self._range(name)
@@ -217,6 +284,7 @@ class Grammar:
             *(self._beyond(name, sign, words) for sign, words in (("+", "above"), ("-", "below"))),
             Block(f"tanh(({name} - {{centre}})/{max(half / 8.0, 1e-12):.3g})", f"a step over the {name}", "",
                   (("centre", (low, high)),), _inner(low, high, 9), places=1),
+            lagged(f"({name} - {0.5 * (low + high):.6g})", f"the {name}", unit, self.length_s / 2.0, every=2),
             Block(lag, f"the change of the {name} in the last while", unit, ends, lags(self.length_s / 2.0, 2)),
         ]  # fmt: skip
 
@@ -308,7 +376,7 @@ class Grammar:
             if low * high < 0.0 or abs(high - low) > 0.05 * abs(high + low):  # else it is a constant, and not a factor
                 blocks.append(Block(name, f"the {name}", unit_of(name)))
         blocks += [Block(name, f"the {name}", "") for name in self.switched]
-        return blocks
+        return [*blocks, *self._resonances()]
 
     def _parts(self, values: Callable[[Dataset], FloatArray]) -> list[FloatArray]:
         """Values of each record at the rows that are searched."""

@@ -19,7 +19,7 @@ from bench.analysis.diagnosis.probes import Examination, Finding, examine
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
-from bench.analysis.thresholds import FORMULA_EVIDENCE, FURTHER_EVIDENCE, TIE
+from bench.analysis.thresholds import FORMULA_EVIDENCE, FURTHER_EVIDENCE, FURTHER_SLOW, TIE
 from bench.record import Dataset
 
 MOST_EFFECTS = 3
@@ -141,8 +141,8 @@ class Search:
 
     def _next(self, layout: Layout, evidence: Evidence, others: int) -> FoundEffect | None:
         """The effect that beats chance beside `others`, by the run or by the run and the check runs together."""
-        bar = max(self.threshold, FURTHER_EVIDENCE) if others else self.threshold
         near = evidence.each_once()[:_LEADERS]
+        bar = max(self.threshold, self._further(near[0])) if near and others else self.threshold
         alike: tuple[str, ...] = ()
         if near and near[0].evidence <= bar:
             near = self._borne(layout, evidence.point, near)
@@ -150,6 +150,11 @@ class Search:
         if not near or _rounded(layout, near[0]):
             return None
         return FoundEffect(layout, evidence, near[0], self.offer.effects[near[0].name], alike)
+
+    def _further(self, suspect: Suspect) -> float:
+        """Evidence that it needs beside others."""
+        effect = self.offer.effects[suspect.name]
+        return FURTHER_EVIDENCE if effect.needs or effect.parameters or effect.moves_abscissa else FURTHER_SLOW
 
     def _borne(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[Suspect]:
         """The leaders of which the run and the check runs together tell enough, and no other one more."""

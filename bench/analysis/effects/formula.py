@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 import threading
 import warnings
 from collections.abc import Callable, Collection, Mapping
@@ -24,13 +25,13 @@ from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
-    "lag": 2, "delay": 2, "play": 2, "slew": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
+    "lag": 2, "delay": 2, "play": 2, "slew": 2, "dead_zone": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
     "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
 }  # fmt: skip
 """Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, slew(x,
-per_min) that follows x no faster than this, latch(x, high, low), 1 from where x rises above `high` until it falls
-below `low` and else 0, total(x), the integral over hours since the run began, highest(x) and lowest(x) of the run so
-far. The time constant of a lag may change with a channel."""
+per_min) that follows x no faster than this, dead_zone(x, width), what of x is further than this from 0, latch(x, high,
+low), 1 from where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours since
+the run began, highest(x) and lowest(x) of the run so far. The time constant of a lag may change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
@@ -41,6 +42,7 @@ _MEMORY: dict[str, Callable[..., FloatArray]] = {
     "delay": lambda time_s, x, late_s: shifted(time_s, x, float(late_s)),
     "play": lambda _, x, width: play(x, float(width)),
     "slew": lambda time_s, x, per_min: slew(time_s, x, float(per_min)),
+    "dead_zone": lambda _, x, width: x - np.clip(x, -abs(float(width)), abs(float(width))),
     "latch": lambda _, x, high, low: latch(x, float(high), float(low)),
     "total": lambda time_s, x: integral(time_s, x) / 3600.0,
     "highest": lambda time_s, x: extreme(time_s, x, highest=True),
@@ -51,6 +53,7 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 }  # fmt: skip
 _DERIVED = ("dT_dt", "direction", "time")
 _MAX_LENGTH, _MAX_NODES = 600, 300
+_WORD = re.compile(r"[A-Za-z_]\w*")
 _PARSING = threading.Lock()
 """Python up to 3.12 counts the depth of all trees that are parsed at a time as one, and the filters of warnings are one
 for all threads: the page parses in several."""
@@ -124,7 +127,7 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
             raise InputError(f"expression: '{name}' multiplies no channel: that is the model's constant; leave it out")
     used = names & set(variables())
     needs = tuple(n for n in CHANNELS if n in used - {"time"} or (n == "temperature" and used & {"dT_dt", "direction"}))
-    ordered = tuple(sorted(set(bounded), key=text.find))
+    ordered = tuple(dict.fromkeys(name for name in _WORD.findall(text) if name in bounded))
     return Formula(text, tuple(terms), tuple(terms.values()), ordered, needs)
 
 

@@ -1,0 +1,123 @@
+"""Mechanisms of `outside_truths` that were written last: the grammar was not changed after they were counted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.base import FloatArray
+from benchmarks.outside_world import World, follows, log_uniform
+
+
+def warped_board(w: World, rng: np.random.Generator) -> FloatArray:
+    """A board of two materials warps with its temperature, and a screw lets it slide beyond a force."""
+    board, force = follows(w.case, log_uniform(rng, 100, 500)), rng.uniform(8.0, 20.0)
+    spring, last, bent = 0.0, float(board[0]), np.empty(len(board))
+    for second, value in enumerate(board.tolist()):
+        spring = min(max(spring + value - last, -force), force)
+        bent[second], last = spring, value
+    return bent
+
+
+def breathing_case(w: World, rng: np.random.Generator) -> FloatArray:
+    """A case breathes through a filter: the pressure over that outside follows the rate of warming of its air."""
+    inside, tau_s = (follows(w.air, 120.0) + 273.15) / 298.15, log_uniform(rng, 200, 900)
+    over, last, pressure = 0.0, float(inside[0]), np.empty(len(inside))
+    for second, value in enumerate(inside.tolist()):
+        over += value - last - over / tau_s
+        pressure[second], last = over, value
+    return np.sign(pressure) * np.sqrt(np.abs(pressure))
+
+
+def softened_mount(w: World, rng: np.random.Generator) -> FloatArray:
+    """Rubber transmits the compressor's shaking while it is stiff, in the cold."""
+    stiff = 1.0 / (1.0 + np.exp((follows(w.case, 300.0) - rng.uniform(-15.0, 5.0)) / rng.uniform(4.0, 8.0)))
+    return np.asarray(stiff * follows(w.compressor, 10.0))
+
+
+def regulator_foldback(w: World, rng: np.random.Generator) -> FloatArray:
+    """A regulator that is warm from its own load gives less; the heat is that of drive and supply together."""
+    load = (w.drive / float(np.mean(w.drive))) * (w.supply / float(np.mean(w.supply)))
+    warm = follows(w.case, 200.0) + 30.0 * (follows(load, log_uniform(rng, 300, 900)) - 1.0)
+    return np.maximum(warm - rng.uniform(30.0, 50.0), 0.0)
+
+
+def bubble_in_the_gel(w: World, rng: np.random.Generator) -> FloatArray:
+    """A bubble in the potting swells as its gas warms, and creeps back by the flow of the gel, faster when warm."""
+    tau_s, warm, moved, size = log_uniform(rng, 1000, 5000), rng.uniform(20.0, 40.0), 0.0, np.empty(len(w.case))
+    last = float(w.case[0])
+    for second, case in enumerate(w.case.tolist()):
+        moved += (case - last) / 300.0 - moved * np.exp((case - 25.0) / warm) / tau_s
+        size[second], last = moved, case
+    return size * (1.0 + size / max(float(np.max(np.abs(size))), 1e-9))
+
+
+def corner_of_the_plate(w: World, rng: np.random.Generator) -> FloatArray:
+    """The plate lifts off its corner while it cools faster than the frame, and lies flat otherwise."""
+    gradient = follows(w.case, log_uniform(rng, 40, 120)) - follows(w.case, log_uniform(rng, 400, 1200))
+    return np.minimum(gradient + rng.uniform(0.0, 0.2) * float(np.max(np.abs(gradient))), 0.0)
+
+
+def pumped_heat(w: World, rng: np.random.Generator) -> FloatArray:
+    """Each start of the compressor sends a slug of cold fluid through the plate: a pulse that spreads."""
+    starts = np.maximum(np.diff(w.compressor, prepend=w.compressor[:1]), 0.0)
+    spread = log_uniform(rng, 40, 150)
+    return follows(follows(starts, spread), spread)
+
+
+def beating_drive(w: World, rng: np.random.Generator) -> FloatArray:
+    """The quadrature loop's error is rectified where the drive is weak."""
+    weak = np.maximum(float(np.quantile(w.drive, rng.uniform(0.4, 0.7))) - w.drive, 0.0)
+    return weak * np.abs(w.quadrature - float(np.median(w.quadrature)))
+
+
+def memory_of_the_hottest(w: World, rng: np.random.Generator) -> FloatArray:
+    """Stress is taken out at the hottest so far, and comes back in days: part of it returns within the run."""
+    tau_s, hottest, out = log_uniform(rng, 15_000, 60_000), float(w.case[0]), np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        hottest = max(hottest + (25.0 - hottest) / tau_s, case)
+        out[second] = hottest
+    return out
+
+
+def two_paths_of_light(w: World, rng: np.random.Generator) -> FloatArray:
+    """Interference of two paths whose difference grows with a lagging temperature, in a beam that fades when warm."""
+    phase = follows(w.case, log_uniform(rng, 60, 300)) / rng.uniform(6.0, 14.0)
+    return np.asarray(np.sin(2.0 * np.pi * phase + rng.uniform(0.0, 6.28)) * np.exp(-w.case / rng.uniform(40.0, 90.0)))
+
+
+def skin_of_ice(w: World, rng: np.random.Generator) -> FloatArray:
+    """Moisture freezes onto the case while the air is colder than it and below zero, and melts at once above zero."""
+    grows_s, ice, skin = log_uniform(rng, 2000, 6000), 0.0, np.empty(len(w.case))
+    for second, (air, case) in enumerate(zip(w.air.tolist(), w.case.tolist(), strict=True)):
+        ice = max(ice + ((case - air) / 10.0 * (1.0 - ice) / grows_s if air < 0.0 else -1.0 / 300.0), 0.0)
+        skin[second] = ice
+    return skin
+
+
+def sagging_reference(w: World, rng: np.random.Generator) -> FloatArray:
+    """A reference follows the supply with a memory that is longer in the cold, in proportion to the quadrature."""
+    level, sag = float(w.supply[0]), np.empty(len(w.supply))
+    tau_s, cold = log_uniform(rng, 200, 1000), rng.uniform(25.0, 50.0)
+    for second, (volts, case) in enumerate(zip(w.supply.tolist(), w.case.tolist(), strict=True)):
+        level += (volts - level) * np.exp((case - 25.0) / cold) / tau_s
+        sag[second] = volts - level
+    return sag * w.quadrature
+
+
+GROUPS = {
+    "after it had grown for the last time": (
+        warped_board,
+        breathing_case,
+        softened_mount,
+        regulator_foldback,
+        bubble_in_the_gel,
+        corner_of_the_plate,
+        pumped_heat,
+        beating_drive,
+        memory_of_the_hottest,
+        two_paths_of_light,
+        skin_of_ice,
+        sagging_reference,
+    ),
+}
+"""By when they were written."""
