@@ -10,7 +10,10 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import pickle
+import subprocess
 import sys
+import tempfile
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -35,6 +38,12 @@ GONE_S = 60.0
 """How long a cluster may be without any worker [s]."""
 _LOOK_S = 2.0
 _DIED = "its worker process died"
+_ONE_TASK = """
+import pickle, sys
+from pathlib import Path
+do, group = pickle.loads(Path(sys.argv[1]).read_bytes())
+Path(sys.argv[2]).write_bytes(pickle.dumps(do(group)))
+"""
 _LEAST_TRIES, _MOST_TRIES = 6, 40
 """Of parts of one group: without a part that can be done, and twice what finds one or two units among 256."""
 
@@ -87,6 +96,18 @@ def _contained(own: Sequence[type[Effect]], do: Callable[[G], list[R]], group: G
         return " ".join("".join(traceback.format_exception_only(error)).split())
 
 
+def _alone(do: Callable[[G], list[R] | str], group: G) -> list[R] | str:
+    """The same in a process of its own, which may die: workers of a cluster are daemons, which have no children."""
+    with tempfile.TemporaryDirectory() as folder:
+        task, done = Path(folder, "task"), Path(folder, "done")
+        task.write_bytes(pickle.dumps((do, group)))
+        command = [sys.executable, "-c", _ONE_TASK, str(task), str(done)]
+        paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        died = subprocess.run(command, env=paths, check=False).returncode != 0
+        answers: list[R] | str = _DIED if died else pickle.loads(done.read_bytes())
+        return answers
+
+
 def local_engine(workers: int) -> Engine:
     """On this computer: in this process for one worker, else in `workers` processes.
 
@@ -108,10 +129,6 @@ def local_engine(workers: int) -> Engine:
                 executor = _executor(workers)
                 return executor.submit(do, group)
 
-        def again(group: G) -> list[R] | str:
-            with _executor(1) as alone:
-                return result(alone.submit(do, group))
-
         def result(future: Future[list[R] | str]) -> list[R] | str:
             try:
                 return future.result()
@@ -121,7 +138,7 @@ def local_engine(workers: int) -> Engine:
         try:
             for group, future in _ahead(submit, groups, WINDOW * workers):
                 found = result(future)
-                yield _halved(group, again, work.lost) if isinstance(found, str) else found
+                yield _halved(group, partial(_alone, do), work.lost) if isinstance(found, str) else found
         finally:
             executor.shutdown(cancel_futures=True)
 
@@ -131,7 +148,8 @@ def local_engine(workers: int) -> Engine:
 def dask_engine(workers: int, scheduler: str | None) -> Engine:
     """The Dask cluster at `scheduler` (tcp://…), else one of `workers` processes on this computer.
 
-    A group whose worker died three times is halved until the unit that does it stands alone; only that one fails.
+    A group whose worker died three times is halved until the unit that does it stands alone; only that one fails. The
+    parts are done in processes beside the workers: a cluster gives up workers that die again and again.
     InputError: Dask is not installed, no scheduler answers at the address, it or all workers went away meanwhile, or
     the workers have other code than this computer.
     """
@@ -149,7 +167,7 @@ def dask_engine(workers: int, scheduler: str | None) -> Engine:
                 return client.submit(do, group, pure=False, retries=2)
 
             def again(group: G) -> list[R] | str:
-                found: list[R] | str = _result(client, submit(group))
+                found: list[R] | str = _result(client, client.submit(_alone, do, group, pure=False, retries=2))
                 return found
 
             for done, (group, future) in enumerate(_ahead(submit, groups, WINDOW * threads)):
@@ -222,6 +240,8 @@ def _client(workers: int, scheduler: str | None) -> Any:
         distributed: Any = import_module("distributed")
     except ModuleNotFoundError:
         raise InputError("Dask is not installed: pip install 'gyro-thermal-bench[fleet]', or --engine pool") from None
+    # A cluster of this process closes workers that are away for so long, although they are about to come back.
+    import_module("dask").config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
     if scheduler is None:
         logging.getLogger("distributed").setLevel(logging.ERROR)
         return distributed.Client(
