@@ -71,18 +71,23 @@ def record(truth: Truth, name: str, seed: int) -> Dataset:
     )
     time: FloatArray = np.arange(0.5 * STEP_S, 60.0 * knots[-1, 0], STEP_S)
     case = np.interp(time, 60.0 * knots[:, 0], knots[:, 1])
-    shown = _behind(case, truth.lag_s)
-    x = (case - 25.0) / 65.0
-    bias = truth.constant_dph + truth.leak_dph * np.sin(truth.phase + 0.35 * x) * (1.0 + 0.3 * np.tanh(1.5 * x))
-    bias += truth.swell_dph * np.exp((case - 85.0) / truth.swell_k)
-    bias += truth.knee_dph * np.exp(-(((case - truth.knee_degc) / 8.0) ** 2))
-    bias = truth.sign * bias + truth.loop_dph * _relays(case)
+    shown = behind(case, truth.lag_s)
     noise = random.normal(0.0, 0.08, time.size) + np.cumsum(random.normal(0.0, 0.004, time.size))
-    channels = {"rate": bias + noise, "temperature": shown + random.normal(0.0, 0.01, time.size)}
+    channels = {"rate": still(truth, case) + noise, "temperature": shown + random.normal(0.0, 0.01, time.size)}
     return Dataset(name, time, channels, np.zeros(time.size, dtype=np.int64), interval_s=STEP_S, unit=name)
 
 
-def _behind(values: FloatArray, tau_s: float) -> FloatArray:
+def still(truth: Truth, degc: FloatArray) -> FloatArray:
+    """Bias (n,) along temperatures of the case [degC], without noise [deg/h]."""
+    x = (degc - 25.0) / 65.0
+    bias = truth.constant_dph + truth.leak_dph * np.sin(truth.phase + 0.35 * x) * (1.0 + 0.3 * np.tanh(1.5 * x))
+    bias += truth.swell_dph * np.exp((degc - 85.0) / truth.swell_k)
+    bias += truth.knee_dph * np.exp(-(((degc - truth.knee_degc) / 8.0) ** 2))
+    return truth.sign * bias + truth.loop_dph * _relays(degc)
+
+
+def behind(values: FloatArray, tau_s: float) -> FloatArray:
+    """What follows values at a time constant."""
     out, keep = np.empty_like(values), np.exp(-STEP_S / tau_s)
     state = values[0]
     for i, value in enumerate(values.tolist()):

@@ -17,10 +17,8 @@ import numpy as np
 
 from bench.acquisition import profile_from_text
 from bench.analysis import Prior, ShortPlan, load_model, shortest
-from bench.base import FloatArray
-from bench.record import Dataset
-from benchmarks.fewer_hours import MODEL, case, record, share
-from benchmarks.lots import STEP_S, UNLIKE, Truth, _behind, _relays, member
+from benchmarks.fewer_hours import MODEL, ramp_degc, ramped, rms, share, through
+from benchmarks.lots import STEP_S, UNLIKE, Truth, behind, member
 
 
 @dataclass(frozen=True)
@@ -34,45 +32,23 @@ class Reached:
     like: bool
 
 
-def unit(truth: Truth, path: FloatArray, seed: int) -> tuple[Dataset, Dataset, FloatArray, FloatArray]:
-    """30 s means of a run along a set point and of the whole ramp after it; its bias with and without slow noise."""
-    random = np.random.default_rng(seed)
-    rows = path.size // round(STEP_S)
-    first = _behind(path[: rows * round(STEP_S)].reshape(rows, -1).mean(axis=1), 180.0)
-    _, ramp = case()
-    degc = np.concatenate([first, ramp])
-    time = STEP_S * (np.arange(degc.size) + 0.5)
-    x = (degc - 25.0) / 65.0
-    bias = truth.constant_dph + truth.leak_dph * np.sin(truth.phase + 0.35 * x) * (1.0 + 0.3 * np.tanh(1.5 * x))
-    bias += truth.swell_dph * np.exp((degc - 85.0) / truth.swell_k)
-    bias += truth.knee_dph * np.exp(-(((degc - truth.knee_degc) / 8.0) ** 2))
-    bias = truth.sign * bias + truth.loop_dph * _relays(degc)
-    slow = bias + random.normal(0.0, 0.05) * np.log1p(time / 3600.0) + np.cumsum(random.normal(0.0, 0.004, time.size))
-    shown = _behind(degc, truth.lag_s) + random.normal(0.0, 0.01, time.size)
-    rate = slow + random.normal(0.0, 0.08, time.size)
-
-    def part(rows_of: slice, name: str) -> Dataset:
-        own = time[rows_of] - time[rows_of][0] + 0.5 * STEP_S
-        channels = {"rate": rate[rows_of], "temperature": shown[rows_of]}
-        return Dataset(name, own, channels, np.zeros(own.size, dtype=np.int64), interval_s=STEP_S, unit=name)
-
-    return part(slice(0, rows), "plan"), part(slice(rows, None), "ramp"), slow[rows:], bias[rows:]
-
-
 def reached(prior: Prior, plan: ShortPlan, truth: Truth, seed: int) -> Reached:
     """One unit, calibrated by the plan's run and its lot."""
-    short, ramp, slow, bias = unit(truth, plan.plan.setpoint(), seed)
-    found = prior.expected(short)
-    curve = prior.curve(ramp, found.amplitudes)
-    likeness = prior.like(short)
-    errors = [float(np.sqrt(np.mean((curve - one) ** 2))) for one in (slow, bias)]
+    path = plan.plan.setpoint()
+    rows = path.size // round(STEP_S)
+    planned = behind(path[: rows * round(STEP_S)].reshape(rows, -1).mean(axis=1), 180.0)
+    short, ramp = through(truth, "X", seed, planned, ramp_degc())
+    found = prior.expected(short.record)
+    curve = prior.curve(ramp.record, found.amplitudes)
+    likeness = prior.like(short.record)
+    errors = [rms(curve - one) for one in (ramp.slow, ramp.still)]
     return Reached(found.low_dph, found.high_dph, *errors, likeness is not None and likeness.like)
 
 
 def prior_of(lot: int, seed: int) -> tuple[Prior, np.random.Generator]:
     """A lot whose units went through the whole ramp."""
     random = np.random.default_rng(seed)
-    known = [record(member(random), f"L{i:03d}", 100_000 * seed + i)[0] for i in range(lot)]
+    known = [ramped(member(random), f"L{i:03d}", 100_000 * seed + i).record for i in range(lot)]
     return Prior.of(load_model(MODEL), known), random
 
 

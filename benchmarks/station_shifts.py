@@ -3,7 +3,8 @@
     python -m benchmarks.station_shifts [SEEDS]
 
 Fleets of lots drawn alike (spread 2 between, 1 within), of 50 stations that differ by constants; the values are normal,
-with heavy tails (Student's t with three degrees of freedom) or skewed (lognormal). One quantity.
+with heavy tails (Student's t with three degrees of freedom) or skewed (lognormal). One quantity. At last the error of
+the levels of the first, the middle and the last lots, beside their own trend, where every station drifts.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import sys
 import numpy as np
 import scipy
 
-from bench.archive.fleet.drift import DAY_S, Levelled
+from bench.archive.fleet.drift import DAY_S, Levelled, drifts
 from bench.archive.fleet.shifts import Shift, charts_for, shifts
 from bench.base import FloatArray
 
@@ -52,6 +53,23 @@ def found(levelled: Levelled) -> list[Shift]:
     return list(shifts(levelled, "q", charts_for(levelled.values.size)))
 
 
+def level_errors(seed: int, units: int = 20_000) -> FloatArray:
+    """Found less true level of each lot beside the trend of all lots (lots,), where every station drifts."""
+    random = np.random.default_rng(seed)
+    days, lot = np.sort(random.uniform(0.0, 100.0, units)), np.arange(units) // PER_LOT
+    station, level = random.integers(0, STATIONS, units), random.normal(0.0, 2.0, lot[-1] + 1)
+    values = random.normal(size=units) + level[lot] + random.normal(0.0, 0.5, STATIONS)[station]
+    values += random.normal(0.0, 0.02, STATIONS)[station] * (days - 50.0)
+    names = [f"L{i:03d}" for i in range(level.size)]
+    levelled = Levelled.of(values, days * DAY_S, [f"S{i}" for i in station], [names[i] for i in lot])
+    if levelled is None:
+        raise RuntimeError("a fleet of this size is never too small")
+    seen = {drift.place: drift.change for drift in drifts(levelled, "q") if drift.kind == "lot"}
+    when = np.bincount(lot, days) / PER_LOT
+    trend = np.polyval(np.polyfit(when, level, 1), when)
+    return np.array([seen[name] for name in names]) - (level - trend)
+
+
 def _share(hits: int, n: int) -> str:
     low, high = scipy.stats.binomtest(hits, n).proportion_ci(0.95)
     return f"{hits} of {n} ({100 * low:.1f} to {100 * high:.1f} %)"
@@ -77,6 +95,13 @@ def main(seeds: int = 100) -> None:
         print(f"{shift} sigma at one of {STATIONS} stations: found {_share(right, seeds)}, after "
               f"{np.median(late):.0f} of its units (median); another station besides: {_share(others, seeds)}",
               flush=True)  # fmt: skip
+    errors = np.array([level_errors(seed) for seed in range(min(seeds, 30))])
+    for name, some in (
+        ("first three", errors[:, :3]),
+        ("middle ten", errors[:, 45:55]),
+        ("last three", errors[:, -3:]),
+    ):
+        print(f"error of the level of the {name} lots of 100: {np.sqrt(np.mean(some**2)):.3f}", flush=True)
 
 
 if __name__ == "__main__":

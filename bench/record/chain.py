@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from bench.base import InputError, __version__, hold
 from bench.record.files import sha256, write_atomically
@@ -22,6 +23,9 @@ from bench.record.records.centre import ElsewhereRecord
 from bench.record.records.chain import ChainRecord, Link
 from bench.record.records.manifest import Manifest
 from bench.record.signing import keys_folder, public_key, sign, signed, trusted
+
+if TYPE_CHECKING:
+    from hashlib import _Hash as Hash
 
 CHAIN = ChainRecord.FILE
 STAMPED = ("*.parquet",)
@@ -42,7 +46,7 @@ def put(folder: Path, files: Mapping[str, bytes], made_from: Iterable[str] = (),
     both the old and the new contents, so that a kill leaves no folder that must be refused.
     """
     with _locked(folder):
-        _put(folder, files, made_from, unit, run, others or {})
+        _put(folder, *_whole(folder, files), made_from, others or {}, (unit, run))
 
 
 def extend(folder: Path, name: str, change: Callable[[bytes], bytes]) -> None:
@@ -56,13 +60,55 @@ def extend(folder: Path, name: str, change: Callable[[bytes], bytes]) -> None:
         check(folder, name, old)
         new = change(old or b"")
         if new != old:
-            _put(folder, {name: new})
+            _put(folder, *_whole(folder, {name: new}))
 
 
-def _put(folder: Path, files: Mapping[str, bytes], made_from: Iterable[str] = (), unit: str = "", run: str = "",
-         others: Mapping[str, str] = MappingProxyType({})) -> None:  # fmt: skip
+def append(folder: Path, name: str, lines: Callable[[bytes, Hash], bytes]) -> None:
+    """Add lines to one file of a folder, which is hashed once and not written again, while nobody else does.
+
+    `lines` gets the lines of the file and their SHA-256. A last line that a power cut left in part is dropped.
+    InputError where the file is not what the chain lists, OSError.
+    """
+    with _locked(folder):
+        path = folder / name
+        old = path.read_bytes() if path.exists() else None
+        whole = whole_lines(old or b"")
+        digest = hashlib.sha256(whole)
+        _check(folder, name, None if old is None else digest.hexdigest())
+        if not (new := lines(whole, digest.copy())):
+            return
+        digest.update(new)
+
+        def write() -> None:
+            with path.open("r+b" if old is not None else "wb") as file:
+                file.truncate(len(whole))
+                file.seek(len(whole))
+                file.write(new)
+                file.flush()
+                os.fsync(file.fileno())
+
+        _put(folder, {name: digest.hexdigest()}, write)
+
+
+def whole_lines(data: bytes) -> bytes:
+    """Without a last line that a power cut or a full disk cut off: nobody was told that it was written."""
+    return data[: data.rfind(b"\n") + 1]
+
+
+def _whole(folder: Path, files: Mapping[str, bytes]) -> tuple[dict[str, str], Callable[[], None]]:
+    """Hashes of new contents, and what writes them, each file whole."""
+
+    def write() -> None:
+        for name, data in files.items():
+            write_atomically(folder / name, data)
+
+    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}, write
+
+
+def _put(folder: Path, news: Mapping[str, str], write: Callable[[], None], made_from: Iterable[str] = (),
+         others: Mapping[str, str] = MappingProxyType({}), of: tuple[str, str] = ("", "")) -> None:  # fmt: skip
+    """Write files, of which the hashes are known, and their chain."""
     before = _extended(folder)
-    news = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     olds = {name: link.sha256[-1] for name, link in before.files.items()}
     sources = {name: digest for name in made_from if (digest := {**olds, **news}.get(name)) is not None}
     now = datetime.now(UTC).isoformat(timespec="seconds")
@@ -73,11 +119,10 @@ def _put(folder: Path, files: Mapping[str, bytes], made_from: Iterable[str] = ()
     between = {
         name: link.model_copy(update={"sha256": (*_digests(before, name), news[name])}) for name, link in after.items()
     }
-    known = before.model_copy(update={"unit": unit or before.unit, "run": run or before.run})
+    known = before.model_copy(update={"unit": of[0] or before.unit, "run": of[1] or before.run})
     _write(folder, known.model_copy(update={"files": {**known.files, **between}}))
-    for name, data in files.items():
-        write_atomically(folder / name, data)
-    stamps = _stamps(folder) if Manifest.FILE in files else known.stamps
+    write()
+    stamps = _stamps(folder) if Manifest.FILE in news else known.stamps
     _write(folder, known.model_copy(update={"files": {**known.files, **after}, "stamps": stamps}), sync=False)
 
 
@@ -111,17 +156,21 @@ def listed(folder: Path) -> dict[str, str]:
 
 def check(folder: Path | str, name: str, data: bytes | None, advice: str = "") -> None:
     """Refuse a record whose content (None: absent) is not the one in the chain; InputError with both hashes."""
+    if chain_of(folder) is not None:
+        _check(folder, name, None if data is None else hashlib.sha256(data).hexdigest(), advice)
+
+
+def _check(folder: Path | str, name: str, digest: str | None, advice: str = "") -> None:
     known = chain_of(folder)
     if known is None:
         return
     link = known.files.get(name)
     if link is None:
-        if data is not None:
+        if digest is not None:
             raise InputError(
                 f"is not listed in {CHAIN}: this bench did not write it here; move it away", f"{folder}/{name}"
             )
         return
-    digest = None if data is None else hashlib.sha256(data).hexdigest()
     if digest not in link.sha256:
         raise InputError(_differs(digest, link.sha256[-1], CHAIN, advice), f"{folder}/{name}")
     made = link.made_from.get(Manifest.FILE)

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
+from bench.acquisition.station.settings.bus import Bus
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.wires import wire_findings
 from bench.base import config
@@ -211,6 +212,18 @@ def test_the_check_says_what_a_unit_lacks_and_how_full_its_bus_is():
     [shown] = outputs("docs/howto/equipment.md", "test: tests/acquisition/test_outputs.py")
     assert not unlike(shown, "\n".join(f"{level}: {text}" for level, text in said))
     assert {level for level, _ in said} == {"info"}
+
+
+def test_a_bus_without_a_bit_rate_says_that_its_load_is_unknown_where_it_may_be_too_much():
+    def said(count):
+        settings = station([imu(n, "can0") for n in range(count)])
+        real = settings.model_copy(update={"buses": {"can0": Bus(interface="socketcan", channel="can0", fd=True)}})
+        return [one.text for one in wire_findings(real, [unit.serial for unit in real.units]) if one.level == "warning"]
+
+    (text,) = said(10)
+    assert text.startswith("bus can0: its bit rate is not stated, so nobody knows whether all frames fit; at 500000 ")
+    assert text.endswith("% of it; state `bitrate`, and `data_bitrate` of CAN FD")
+    assert said(1) == []
 
 
 @pytest.mark.parametrize(

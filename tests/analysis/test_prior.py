@@ -5,7 +5,7 @@ import pytest
 
 from bench.analysis import Prior, load_model, shortest
 from bench.base import InputError
-from benchmarks.fewer_hours import MODEL, record
+from benchmarks.fewer_hours import MODEL, ramped
 from benchmarks.lots import UNLIKE, member
 from benchmarks.short_plans import reached
 
@@ -17,7 +17,7 @@ def random():
 
 @pytest.fixture(scope="module")
 def prior(random):
-    return Prior.of(load_model(MODEL), [record(member(random), f"L{i:02d}", i)[0] for i in range(16)])
+    return Prior.of(load_model(MODEL), [ramped(member(random), f"L{i:02d}", i).record for i in range(16)])
 
 
 def cut(whole, hours):
@@ -27,7 +27,8 @@ def cut(whole, hours):
 def test_the_error_expected_falls_as_the_run_goes_on_and_holds(prior, random):
     expected, held, units = {2.0: [], 4.2: [], 8.4: []}, 0, 12
     for i in range(units):
-        whole, slow = record(member(random), f"U{i}", 500 + i)
+        run = ramped(member(random), f"U{i}", 500 + i)
+        whole, slow = run.record, run.slow
         for hours, errors in expected.items():
             found = prior.expected(cut(whole, hours))
             errors.append(found.error_dph)
@@ -45,7 +46,8 @@ def test_with_half_of_the_ramp_the_lot_leaves_less_than_the_run_alone(prior, ran
 
     with_lot, alone = [], []
     for i in range(4):
-        whole, slow = record(member(random), f"U{i}", 700 + i)
+        run = ramped(member(random), f"U{i}", 700 + i)
+        whole, slow = run.record, run.slow
         half = cut(whole, 3.9)
         with_lot.append(np.mean((prior.curve(whole, prior.expected(half).amplitudes) - slow) ** 2))
         own = fit_model(load_model("spline"), half, covariance="none", weights="count")
@@ -55,12 +57,12 @@ def test_with_half_of_the_ramp_the_lot_leaves_less_than_the_run_alone(prior, ran
 
 @pytest.mark.parametrize("kind", UNLIKE)
 def test_a_unit_unlike_its_lot_is_noticed_before_it_could_end(prior, random, kind):
-    whole, _ = record(UNLIKE[kind](member(random), random), "X", 900)
+    whole = ramped(UNLIKE[kind](member(random), random), "X", 900).record
     assert not prior.like(cut(whole, 4.2)).like
 
 
 def test_nine_units_are_no_prior(random):
-    few = [record(member(random), f"L{i}", i)[0] for i in range(9)]
+    few = [ramped(member(random), f"L{i}", i).record for i in range(9)]
     with pytest.raises(InputError, match="a lot of 9 units is no prior; at least 10"):
         Prior.of(load_model(MODEL), few)
 

@@ -93,7 +93,7 @@ def test_a_unit_that_cannot_be_diagnosed_is_named_and_stops_nothing(line):
 
 
 def test_a_unit_that_kills_its_process_is_named():
-    (answer,) = engines._halved(("/line/B-1/r1",), lambda part: None, diagnosing._lost)
+    (answer,) = engines._halved(("/line/B-1/r1",), lambda part: "its worker process died", diagnosing._lost)
     assert (answer.folder, answer.error) == ("/line/B-1/r1", "not diagnosed: its worker process died")
 
 

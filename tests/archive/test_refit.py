@@ -74,20 +74,47 @@ def test_two_workers_find_the_numbers_of_the_serial_refit_bit_for_bit(here, mome
     assert there == here
 
 
-def test_a_cluster_of_others_is_reached_by_its_address(here, moments, tmp_path):
-    pytest.importorskip("distributed")
-    from distributed import LocalCluster
+@pytest.fixture(scope="module")
+def cluster():
+    """A Dask cluster of one process."""
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1"
+    ) as cluster:
+        yield cluster
 
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0", host="127.0.0.1") as cluster:
-        target = tmp_path / "records.parquet"
-        said = CliRunner().invoke(main, [
-            "fleet", "refit", "--model", str(_model_file(tmp_path)),
-            "--moments", str(moments), "--records", str(target), "--scheduler", cluster.scheduler_address, "--json",
-        ], catch_exceptions=False)  # fmt: skip
+
+def test_a_cluster_of_others_is_reached_by_its_address(here, moments, cluster, tmp_path):
+    target = tmp_path / "records.parquet"
+    said = CliRunner().invoke(main, [
+        "fleet", "refit", "--model", str(_model_file(tmp_path)),
+        "--moments", str(moments), "--records", str(target), "--scheduler", cluster.scheduler_address, "--json",
+    ], catch_exceptions=False)  # fmt: skip
     assert said.exit_code == 1, said.output
     assert json.loads(said.stdout)["failed"] == 1
     betas = pq.read_table(target).column("beta").to_pylist()
     assert [tuple(beta or ()) for beta in betas] == [record.beta for record in here]
+
+
+class UnreadableError(Exception):
+    """Pickled, but not read again: that needs two arguments."""
+
+    def __init__(self, unit, why):
+        super().__init__(f"{unit}: {why}")
+
+
+def _raising(model, group):
+    if "U-000003" in group.units:
+        raise UnreadableError("U-000003", "no good")
+    return refit_group(model, group)
+
+
+def test_a_unit_whose_error_cannot_be_read_again_is_named_with_its_words(moments, cluster):
+    whole = next(moments_file.stored_groups(moments))
+    group = moments_file.Group(whole.units[3:4], whole.runs[3:4], whole.values[3:4])
+    run = engines.dask_engine(1, cluster.scheduler_address)
+    ((failed,),) = run(engines.Work(partial(_raising, MODEL), _lost), [group])
+    assert failed.error == "not refitted: tests.archive.test_refit.UnreadableError: U-000003: no good"
 
 
 def _model_file(folder):
@@ -118,7 +145,7 @@ def test_a_group_that_kills_its_process_is_recorded_as_failed(moments, monkeypat
 def test_a_unit_that_kills_its_process_costs_no_other_one(moments, deadly):
     group = next(moments_file.stored_groups(moments))
     names = {group.units[number] for number in deadly}
-    found = engines._halved(group, lambda part: None if names & set(part.units) else refit_group(MODEL, part), _lost)
+    found = engines._halved(group, lambda part: "died" if names & set(part.units) else refit_group(MODEL, part), _lost)
     assert [record.unit for record in found if record.error] == sorted(names)
     assert [record.unit for record in found] == list(group.units)
 
@@ -299,7 +326,9 @@ def test_a_run_that_kills_its_process_is_named_and_costs_no_other_one(twenty, tm
     def deadly(work, groups):
         for group in groups:
             yield engines._halved(
-                group, lambda part: None if any(one.unit == "U-07" for one in part) else work.do(part), work.lost
+                group,
+                lambda part: engines._DIED if any(one.unit == "U-07" for one in part) else work.do(part),
+                work.lost,
             )
 
     done = gathered(twenty, tmp_path / "moments.parquet", deadly)

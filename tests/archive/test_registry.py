@@ -21,6 +21,8 @@ from bench.archive.registry.rebuild import rebuild
 from bench.archive.registry.tables import Table
 from bench.archive.registry.writing import TABLES, register, stored, tell
 from bench.base.errors import InputError
+from bench.record import chain as chain_module
+from bench.record import faults
 from bench.record.folder import RunFolder
 from tests.support.databases import binaries, database, postgres
 from tests.support.run_folders import keep, make_run
@@ -334,45 +336,33 @@ def test_what_the_registry_refuses_is_not_in_the_ledger(root, tmp_path):
     assert "Pt100" not in (root / "ledger.jsonl").read_text()
 
 
-def test_many_runs_that_a_ledger_sees_at_once_are_hashed_once(tmp_path, monkeypatch):
-    hashed = []
-
-    class Counted:
-        def __init__(self, data=b"", own=None):
-            self._own = own or hashlib.sha256()
-            self.update(data)
-
-        def update(self, data):
-            hashed.append(len(data))
-            self._own.update(data)
-
-        def hexdigest(self):
-            return self._own.hexdigest()
-
+def test_a_run_that_is_registered_adds_a_line_to_a_ledger_that_is_hashed_once(tmp_path, monkeypatch):
+    hashed, sha256 = [], hashlib.sha256
     ledger = archive(tmp_path)
-    monkeypatch.setattr(ledger_module, "hashlib", SimpleNamespace(sha256=Counted))
     ledger.saw_all([(f"U-{number}/r", f"{number:064x}") for number in range(200)])
-    size = ledger.path.stat().st_size
-    assert size <= sum(hashed) < 2 * size
-    monkeypatch.undo()
-    assert list(ledger.broken()) == []
+    before, size = ledger.path.stat(), ledger.path.stat().st_size
+    counted = SimpleNamespace(sha256=lambda data=b"": hashed.append(len(data)) or sha256(data))
+    monkeypatch.setattr(chain_module, "hashlib", counted)
+    assert ledger.saw("U-200/r", "c" * 64) == {"U-200/r": (202, "c" * 64)}
+    assert size <= sum(hashed) < 1.1 * size
+    assert ledger.path.stat().st_ino == before.st_ino
+    assert ledger.saw("U-1/r", "d" * 64) == {"U-1/r": (3, "d" * 64)}
+    assert ledger.seen("U-1/r") == {"U-1/r": (3, "d" * 64)}
+    assert ledger.seen()["U-200/r"] == (202, "c" * 64)
+    whole = ledger.path.read_bytes()
+    assert ledger.saw("U-200/r", "c" * 64) == {"U-200/r": (202, "c" * 64)}
+    assert ledger.path.read_bytes() == whole
+    assert [*ledger.broken(), *faults(tmp_path)] == []
 
 
-def test_a_run_that_is_registered_reads_the_ledger_once(tmp_path, monkeypatch):
+def test_a_line_of_the_ledger_that_a_power_cut_left_in_part_is_dropped(tmp_path):
     ledger = archive(tmp_path)
-    ledger.saw_all([("U-1/r", "a" * 64), ("U-2/r", "b" * 64)])
-    read = []
-    opened = ledger_module.Path.read_bytes
-    monkeypatch.setattr(ledger_module.Path, "read_bytes", lambda path: read.append(path.name) or opened(path))
-    assert ledger.saw("U-3/r", "c" * 64) == {"U-3/r": (4, "c" * 64)}
-    assert ledger.saw("U-1/r", "d" * 64) == {"U-1/r": (2, "d" * 64)}
-    assert read.count("ledger.jsonl") == 2
-    monkeypatch.undo()
-    assert ledger.seen() == {"U-1/r": (2, "d" * 64), "U-2/r": (3, "b" * 64), "U-3/r": (4, "c" * 64)}
-    before = ledger.path.read_bytes()
+    ledger.saw("U-1/r", "a" * 64)
+    with ledger.path.open("ab") as file:
+        file.write(b'{"kind": "archive", "id"')
+    assert archive(tmp_path) == ledger
     assert ledger.saw("U-2/r", "b" * 64) == {"U-2/r": (3, "b" * 64)}
-    assert ledger.path.read_bytes() == before
-    assert list(ledger.broken()) == []
+    assert [*ledger.broken(), *faults(tmp_path)] == []
 
 
 def test_a_role_that_may_only_read_reads_and_is_refused_in_one_line_where_it_writes(server, root):

@@ -26,6 +26,8 @@ BITS_PER_BYTE = 10
 """Of a serial line, with start bit and stop bit."""
 FULL, BUSY = 1.0, 0.7
 """Shares of a bus that its frames cannot have, and from which other traffic delays them."""
+ASSUMED_BITRATE = 500_000
+"""Of a bus whose bit rate the operating system sets, or a timing, so that an overfull one is told."""
 BYTES_PER_FRAME = 33.3
 """Disk of a frame of up to 8 bytes, longer ones need more: 24 in the journal, the rest in the compressed tables."""
 
@@ -61,11 +63,7 @@ def wire_findings(
         for finding in (*_unit(unit, layout, messages, bus), *(() if own else _simulated(station, unit))):
             yield _placed(replace(finding, text=f"unit {unit.serial}: {finding.text}"), place)
     for name, bus in station.buses.items():
-        place = station.place("buses", name)
-        if bus.bitrate is not None and bus.framing is not None:
-            yield from _load(name, bits_per_s[name] / bus.bitrate, place)
-        elif bus.bitrate is not None and traffic[name]:
-            yield from _load(name, load(traffic[name], bus.bitrate, bus.data_bitrate, bus.fd), place)
+        yield from _filled(name, bus, traffic[name], bits_per_s[name], station.place("buses", name))
     for i, instrument in enumerate(station.instruments):
         place = station.place("instruments", i)
         for finding in _instrument(instrument, channels):
@@ -192,6 +190,20 @@ def recording_of(station: StationSettings, free_bytes: float) -> Recording:
             frame_bytes = BYTES_PER_FRAME + max(message.length - 8, 0)
             bytes_per_s += 1e3 / (message.cycle_ms or layout.interval_ms) * frame_bytes
     return Recording(rates, bytes_per_s, free_bytes)
+
+
+def _filled(
+    name: str, bus: Bus, traffic: Sequence[Message], bits_per_s: float, place: tuple[str | None, int | None]
+) -> Iterator[Finding]:
+    """How full a bus is; that nobody knows where its bit rate is not stated, and its units may be too many."""
+    if bus.bitrate is not None and bus.framing is not None:
+        yield from _load(name, bits_per_s / bus.bitrate, place)
+    elif bus.bitrate is not None and traffic:
+        yield from _load(name, load(traffic, bus.bitrate, bus.data_bitrate, bus.fd), place)
+    elif not bus.local and (share := load(traffic, ASSUMED_BITRATE, fd=bus.fd)) > BUSY:
+        text = f"bus {name}: its bit rate is not stated, so nobody knows whether all frames fit; at "
+        text += f"{ASSUMED_BITRATE} bit/s its units take {share:.0%} of it; state `bitrate`"
+        yield Finding("warning", f"{text}, and `data_bitrate` of CAN FD" if bus.fd else text)
 
 
 def _load(name: str, share: float, place: tuple[str | None, int | None]) -> Iterator[Finding]:

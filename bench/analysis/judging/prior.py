@@ -8,15 +8,15 @@ of g; the root of the trace of its covariance is the error to be expected over t
 the one with which the rows so far have no residual on average, as in a fit.
 
 A model leaves something in every unit that it does not know of. So each unit of the lot is taken in turn for a new one:
-cut off, calibrated by the others, compared with all that was measured of it but its white noise. Error over expected
-error is lognormal to a good approximation; its mean and spread, over the expected error, make the stated interval.
+cut off after the same time, calibrated by the others, compared with all that was measured of it but its white noise.
+Error over expected error is lognormal to a good approximation; its mean and spread make the stated interval.
 Where a run goes another way than the lot's, the errors are those of simulated runs of the lot's units (`another_way`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -36,8 +36,6 @@ from bench.record import Dataset
 
 BLOCK_S = 120.0
 """Rows are averaged to this: noise that is faster does not matter."""
-SHARES = tuple(np.arange(0.1, 1.001, 0.1).tolist())
-"""Of its run after which each unit of the lot is cut off."""
 LEVEL = 0.95
 _REPEATS = 3
 _STEP = 1.1  # factor of a nonlinear parameter, up and down, for its slope
@@ -75,12 +73,12 @@ class Prior:
     cells: Cells
     records: Sequence[Dataset]
     """Whole runs of the lot's units."""
-    scale: FloatArray
-    """Expected error (k,), and mean and spread of the logarithm of error over expected error there (3, k)."""
     units: Sequence[Unit]
     """The same runs as means over two minutes, and what the others say of each."""
     duration_s: float
     """Of the lot's whole runs."""
+    cut_off: dict[int, FloatArray] = field(default_factory=dict)
+    """Logarithms of error over expected error of the lot's units, by the blocks after which each was cut off."""
 
     @classmethod
     def of(cls, model: Model, records: Sequence[Dataset]) -> Prior:
@@ -110,15 +108,14 @@ class Prior:
                 Unit.of(_in(basis, one), known[unit], _moments(np.delete(known, unit, axis=0)), noise, BLOCK_S)
                 for unit, one in enumerate(rows)
             ]
-            prior = cls(fit, basis, known, noise, cells, first, np.zeros((3, 1)), alone, duration_s)
-            return replace(prior, scale=prior._checked())
+            return cls(fit, basis, known, noise, cells, first, alone, duration_s)
 
     def expected(self, record: Dataset) -> Expected:
         """What the rows of a unit so far make of the error of its calibration."""
         with one_blas_thread():
             rows = self._way(record)
             amplitudes, left = self._posterior(rows, len(rows.bias), *_moments(self.known))
-            error = self._interval(_size(left)) if self._same_way(record) else self._of_another(rows)
+            error = self._of_same(rows, _size(left)) if self._same_way(record) else self._of_another(rows)
         return Expected(*error, amplitudes, left * (error[0] / _size(left)) ** 2, self._seen(record))
 
     def foreseen(self, planned: Dataset) -> tuple[float, float, float, float]:
@@ -126,6 +123,21 @@ class Prior:
         with one_blas_thread():
             blank = replace(planned, channels={**planned.channels, "rate": np.zeros(len(planned))})
             return (*self._of_another(self._way(blank)), self._seen(planned))
+
+    def _of_same(self, rows: Way, expected_dph: float) -> tuple[float, float, float]:
+        """Median and 95 % interval of the error where a run went the lot's way: the lot's units are cut off, too."""
+        span_s = rows.time[-1] - rows.time[0]
+        blocks = round(span_s / BLOCK_S)
+        if blocks not in self.cut_off:
+            self.cut_off[blocks] = np.array([self._off(unit, span_s + 0.5 * BLOCK_S) for unit in self.units])
+        off = self.cut_off[blocks]
+        return self._around(float(np.log(expected_dph) + off.mean()), float(off.std(ddof=1)))
+
+    def _off(self, unit: Unit, span_s: float) -> float:
+        """Logarithm of error over expected error of a unit that was cut off."""
+        count = max(2, int(np.searchsorted(unit.whole.time - unit.whole.time[0], span_s)))
+        amplitudes, left = self._posterior(unit.whole, count, unit.mean, unit.spread)
+        return float(np.log(self._left(unit.whole, amplitudes) / _size(left)))
 
     def _of_another(self, way: Way) -> tuple[float, float, float]:
         """Median and 95 % interval of the error of a whole run after a run that went another way."""
@@ -195,30 +207,12 @@ class Prior:
         """What these amplitudes leave of a run [deg/h RMS], without white noise."""
         return self._left(self._way(record), amplitudes)
 
-    def _interval(self, expected_dph: float) -> tuple[float, float, float]:
-        """Median and 95 % interval of the error where the posterior expects this one [deg/h]."""
-        at, means, spreads = np.log(self.scale[0]), self.scale[1], self.scale[2]
-        x = np.log(expected_dph)
-        middle, spread = (float(np.interp(x, at, values)) for values in (means, spreads))
-        return self._around(x + middle, spread)
-
     def _around(self, middle: float, spread: float) -> tuple[float, float, float]:
         """Median and 95 % interval [deg/h] by mean and spread of the logarithm, of a further unit of the lot."""
         n = len(self.known)
         reach = float(scipy.stats.t.ppf(0.5 + LEVEL / 2, n - 1)) * spread * np.sqrt(1.0 + 1.0 / n)
         low, error, high = np.exp(middle + np.array([-reach, 0.0, reach])).tolist()
         return error, low, high
-
-    def _checked(self) -> FloatArray:
-        """`scale`: each unit of the lot, cut off and calibrated by the others."""
-        found = np.empty((2, len(SHARES), len(self.units)))
-        for row, unit in enumerate(self.units):
-            for i, share in enumerate(SHARES):
-                count = max(2, round(share * len(unit.whole.bias)))
-                amplitudes, left = self._posterior(unit.whole, count, unit.mean, unit.spread)
-                error = _size(left)
-                found[:, i, row] = error, np.log(self._left(unit.whole, amplitudes) / error)
-        return _table(found[0], found[1])
 
     def _posterior(self, rows: Way, count: int, mean: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes by the first `count` rows, and their covariance."""
@@ -235,12 +229,6 @@ class Prior:
     def _left(self, rows: Way, amplitudes: FloatArray) -> float:
         square = float(np.mean((rows.bias - rows.columns @ amplitudes) ** 2)) - self.noise[0]
         return float(np.sqrt(max(square, _LEAST_SQUARE)))
-
-
-def _table(expected: FloatArray, off: FloatArray) -> FloatArray:
-    """Mean expected error, mean and spread of the logarithms (k, n) beside it, in its order (3, k)."""
-    table = np.array([expected.mean(axis=1), off.mean(axis=1), off.std(axis=1, ddof=1)])
-    return table[:, np.argsort(table[0])]
 
 
 def _size(covariance: FloatArray) -> float:

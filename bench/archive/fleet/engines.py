@@ -10,12 +10,16 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import pickle
+import subprocess
 import sys
+import tempfile
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from importlib.resources import files
@@ -33,6 +37,13 @@ WINDOW = 3
 GONE_S = 60.0
 """How long a cluster may be without any worker [s]."""
 _LOOK_S = 2.0
+_DIED = "its worker process died"
+_ONE_TASK = """
+import pickle, sys
+from pathlib import Path
+do, group = pickle.loads(Path(sys.argv[1]).read_bytes())
+Path(sys.argv[2]).write_bytes(pickle.dumps(do(group)))
+"""
 _LEAST_TRIES, _MOST_TRIES = 6, 40
 """Of parts of one group: without a part that can be done, and twice what finds one or two units among 256."""
 
@@ -57,7 +68,7 @@ class Work(Generic[G, R]):
 
     do: Callable[[G], list[R]]
     lost: Callable[[G, str], list[R]]
-    """The answers of units that kill their process."""
+    """The answers of units that kill their process or raise an error, and why there are no others."""
     root: Path | None = None
     """Folder that the workers must see."""
 
@@ -69,17 +80,32 @@ class Engine(Protocol):
         """Answers, group by group."""
 
 
-def _portable(work: Work[G, R]) -> Work[G, R]:
+def _portable(work: Work[G, R]) -> Callable[[G], list[R] | str]:
     """The same work, for processes that do not have the user's effects yet."""
-    own = own_effects()
-    return replace(work, do=partial(_with_effects, own, work.do)) if own else work
+    return partial(_contained, own_effects(), work.do)
 
 
-def _with_effects(own: Sequence[type[Effect]], do: Callable[[G], list[R]], group: G) -> list[R]:
-    for kind in own:
-        if kind not in own_effects():
-            register(kind, kind.__name__)
-    return do(group)
+def _contained(own: Sequence[type[Effect]], do: Callable[[G], list[R]], group: G) -> list[R] | str:
+    """Answers, or the error in one line: an exception of some library may not be pickled, or not be read again."""
+    try:
+        for kind in own:
+            if kind not in own_effects():
+                register(kind, kind.__name__)
+        return do(group)
+    except Exception as error:
+        return " ".join("".join(traceback.format_exception_only(error)).split())
+
+
+def _alone(do: Callable[[G], list[R] | str], group: G) -> list[R] | str:
+    """The same in a process of its own, which may die: workers of a cluster are daemons, which have no children."""
+    with tempfile.TemporaryDirectory() as folder:
+        task, done = Path(folder, "task"), Path(folder, "done")
+        task.write_bytes(pickle.dumps((do, group)))
+        command = [sys.executable, "-c", _ONE_TASK, str(task), str(done)]
+        paths = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+        died = subprocess.run(command, env=paths, check=False).returncode != 0
+        answers: list[R] | str = _DIED if died else pickle.loads(done.read_bytes())
+        return answers
 
 
 def local_engine(workers: int) -> Engine:
@@ -92,30 +118,27 @@ def local_engine(workers: int) -> Engine:
         if workers == 1:
             yield from map(work.do, groups)
             return
-        work = _portable(work)
+        do = _portable(work)
         executor = _executor(workers)
 
-        def submit(group: G) -> Future[list[R]]:
+        def submit(group: G) -> Future[list[R] | str]:
             nonlocal executor
             try:
-                return executor.submit(work.do, group)
+                return executor.submit(do, group)
             except BrokenProcessPool:
                 executor = _executor(workers)
-                return executor.submit(work.do, group)
+                return executor.submit(do, group)
 
-        def again(group: G) -> list[R] | None:
-            with _executor(1) as alone:
-                try:
-                    return alone.submit(work.do, group).result()
-                except BrokenProcessPool:
-                    return None
+        def result(future: Future[list[R] | str]) -> list[R] | str:
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                return _DIED
 
         try:
             for group, future in _ahead(submit, groups, WINDOW * workers):
-                try:
-                    yield future.result()
-                except BrokenProcessPool:
-                    yield _halved(group, again, work.lost)
+                found = result(future)
+                yield _halved(group, partial(_alone, do), work.lost) if isinstance(found, str) else found
         finally:
             executor.shutdown(cancel_futures=True)
 
@@ -125,7 +148,8 @@ def local_engine(workers: int) -> Engine:
 def dask_engine(workers: int, scheduler: str | None) -> Engine:
     """The Dask cluster at `scheduler` (tcp://…), else one of `workers` processes on this computer.
 
-    A group whose worker died three times is halved until the unit that does it stands alone; only that one fails.
+    A group whose worker died three times is halved until the unit that does it stands alone; only that one fails. The
+    parts are done in processes beside the workers: a cluster gives up workers that die again and again.
     InputError: Dask is not installed, no scheduler answers at the address, it or all workers went away meanwhile, or
     the workers have other code than this computer.
     """
@@ -133,23 +157,23 @@ def dask_engine(workers: int, scheduler: str | None) -> Engine:
     def run(work: Work[G, R], groups: Iterable[G], /) -> Iterator[list[R]]:
         with _client(workers, scheduler) as client:
             _require_same_code(client, own_effects())
-            work = _portable(work)
+            do = _portable(work)
             if work.root is not None:
                 _require_folder(client, work.root)
             threads = max(1, sum(client.nthreads().values()))
 
             def submit(group: G) -> Any:
                 # Not pure: equal moments of two units are two tasks.
-                return client.submit(work.do, group, pure=False, retries=2)
+                return client.submit(do, group, pure=False, retries=2)
 
-            def again(group: G) -> list[R] | None:
-                found: list[R] | None = _result(client, submit(group))
+            def again(group: G) -> list[R] | str:
+                found: list[R] | str = _result(client, client.submit(_alone, do, group, pure=False, retries=2))
                 return found
 
             for done, (group, future) in enumerate(_ahead(submit, groups, WINDOW * threads)):
                 try:
                     found = _result(client, future)
-                    yield _halved(group, again, work.lost) if found is None else found
+                    yield _halved(group, again, work.lost) if isinstance(found, str) else found
                 except (OSError, CancelledError) as error:
                     text = f"the Dask scheduler went away after {done} groups ({type(error).__name__}); start it again"
                     raise InputError(f"{text}, and give the command again", scheduler) from None
@@ -159,7 +183,7 @@ def dask_engine(workers: int, scheduler: str | None) -> Engine:
 
 
 def _result(client: Any, future: Any) -> Any:
-    """What a task made; None where it failed. InputError where no worker comes back for a minute."""
+    """What a task made, or why it failed. InputError where no worker comes back for a minute."""
     left_s = GONE_S
     while True:
         try:
@@ -172,24 +196,25 @@ def _result(client: Any, future: Any) -> Any:
                 raise InputError(text) from None
     if isinstance(error, CancelledError):
         raise error
-    return future.result() if error is None else None
+    return future.result() if error is None else _DIED
 
 
-def _halved(group: G, again: Callable[[G], list[R] | None], lost: Callable[[G, str], list[R]]) -> list[R]:
-    """Answers of a group that could not be done as one; `again` does a part, None where it fails, too."""
+def _halved(group: G, again: Callable[[G], list[R] | str], lost: Callable[[G, str], list[R]]) -> list[R]:
+    """Answers of a group that could not be done as one; `again` does a part, or says why it fails, too."""
     found: dict[int, R] = {}
-    waiting, tries, some = deque([range(len(group))]), 0, False
+    waiting, tries, some, why = deque([range(len(group))]), 0, False, ""
     while waiting:
         part = waiting.popleft()
         own = group[part.start : part.stop]
         hopeless = tries >= (_MOST_TRIES if some else _LEAST_TRIES)
-        answers = None if hopeless else again(own)
-        tries, some = tries + (not hopeless), some or answers is not None
-        if answers is None and len(part) > 1 and not hopeless:
+        answers = why if hopeless else again(own)
+        tries, some = tries + (not hopeless), some or not isinstance(answers, str)
+        why = answers if isinstance(answers, str) else why
+        if isinstance(answers, str) and len(part) > 1 and not hopeless:
             middle = (part.start + part.stop) // 2
             waiting += [range(part.start, middle), range(middle, part.stop)]
             continue
-        found |= dict(zip(part, answers or lost(own, "its worker process died"), strict=True))
+        found |= dict(zip(part, lost(own, answers) if isinstance(answers, str) else answers, strict=True))
     return [found[i] for i in range(len(group))]
 
 
@@ -215,6 +240,8 @@ def _client(workers: int, scheduler: str | None) -> Any:
         distributed: Any = import_module("distributed")
     except ModuleNotFoundError:
         raise InputError("Dask is not installed: pip install 'gyro-thermal-bench[fleet]', or --engine pool") from None
+    # A cluster of this process closes workers that are away for so long, although they are about to come back.
+    import_module("dask").config.set({"distributed.deploy.lost-worker-timeout": "1 day"})
     if scheduler is None:
         logging.getLogger("distributed").setLevel(logging.ERROR)
         return distributed.Client(

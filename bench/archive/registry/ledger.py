@@ -17,10 +17,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.base import InputError
-from bench.record import CHAIN, chain_of, check, extend
+from bench.record import CHAIN, append, chain_of, check, whole_lines
+
+if TYPE_CHECKING:
+    from hashlib import _Hash as Hash
 
 FILE = "ledger.jsonl"
 
@@ -51,28 +54,27 @@ class Ledger:
 
     def append(self, *entries: Entry) -> None:
         """Add lines; two programs may do so at the same time. InputError where the file was altered."""
-        extend(self.root, FILE, lambda old: _with(_whole(old), entries))
+        append(self.root, FILE, lambda old, before: _more(self.root, old, before, entries))
 
     def entries(self) -> list[Entry]:
         """Every line after the first; InputError with the line number where one is broken."""
-        return [entry for _, entry in self._numbered(_whole(_read(self.root)))]
+        return [entry for _, entry in self._numbered(_read(self.root))]
 
     def saw(self, path: str, manifest_sha256: str) -> dict[str, tuple[int | None, str]]:
         """Note a run, by its path in the archive, where the ledger does not know it with this manifest; its `seen`.
 
-        The file is read once: in an archive of many runs, reading takes most of the time.
+        The file is read once, and only lines about the run are parsed.
         """
         found: dict[str, tuple[int | None, str]] = {}
 
-        def change(old: bytes) -> bytes:
-            whole = _whole(_proved(self.root, old))
-            found.update(_seen(self._numbered(whole, json.dumps(path))))
+        def more(old: bytes, before: Hash) -> bytes:
+            found.update(_seen(self._numbered(old, path)))
             if found.get(path, (None, ""))[1] == manifest_sha256:
-                return old
-            found[path] = found.get(path, (whole.count(b"\n") + 1, ""))[0], manifest_sha256
-            return _with(whole, [_run(path, manifest_sha256)])
+                return b""
+            found[path] = found.get(path, (old.count(b"\n") + 1, ""))[0], manifest_sha256
+            return _more(self.root, old, before, [_run(path, manifest_sha256)])
 
-        extend(self.root, FILE, change)
+        append(self.root, FILE, more)
         return {path: found[path]}
 
     def saw_all(self, runs: Sequence[tuple[str, str]], origins: Mapping[str, str] | None = None) -> None:
@@ -91,7 +93,7 @@ class Ledger:
         With a `path` that run alone, which reads no line of another run.
         Runs of other archives have no number: this ledger saw them when they were fetched, not when they were made.
         """
-        return _seen(self._numbered(_whole(_read(self.root)), "" if path is None else json.dumps(path)))
+        return _seen(self._numbered(_read(self.root), path))
 
     def renewed(self) -> Ledger:
         """The same folder as an archive of its own, with a new id: it was a copy of another one."""
@@ -110,11 +112,24 @@ class Ledger:
             chained = chained or previous is not None
             before.update(line)
 
-    def _numbered(self, data: bytes, text: str = "") -> Iterator[tuple[int, Entry]]:
-        """Lines after the first that hold a text, with their numbers."""
-        for number, line in enumerate(data.decode(errors="replace").splitlines()[1:], 2):
-            if text in line and line.strip():
-                yield number, _entry(line, self.path, number)
+    def _numbered(self, data: bytes, path: str | None = None) -> Iterator[tuple[int, Entry]]:
+        """Lines after the first, with their numbers; those alone that name the path of a run."""
+        if path is None:
+            lines: Iterable[tuple[int, bytes]] = enumerate(data.split(b"\n"), 1)
+        else:
+            lines = ((data.count(b"\n", 0, at) + 1, line) for at, line in _lines(data, json.dumps(path)))
+        for number, line in lines:
+            if number > 1 and line.strip():
+                yield number, _entry(line.decode(errors="replace"), self.path, number)
+
+
+def _lines(data: bytes, text: str) -> Iterator[tuple[int, bytes]]:
+    """Whole lines that hold a text, and where they begin."""
+    at = data.find(text.encode())
+    while at >= 0 and (end := data.find(b"\n", at)) >= 0:
+        begin = data.rfind(b"\n", 0, at) + 1
+        yield begin, data[begin:end]
+        at = data.find(text.encode(), end)
 
 
 def _seen(numbered: Iterable[tuple[int, Entry]]) -> dict[str, tuple[int | None, str]]:
@@ -140,19 +155,19 @@ def archive(root: Path) -> Ledger:
         if not path.exists():
             root.mkdir(parents=True, exist_ok=True)
             first = json.dumps({"kind": "archive", "id": secrets.token_hex(6)}) + "\n"
-            extend(root, FILE, lambda old: old or first.encode())
-        lines = _read(root).decode(errors="replace").splitlines() or [""]
+            append(root, FILE, lambda old, _: b"" if old else first.encode())
+        data = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot be read or made: {error.strerror}", path) from None
-    begin = _entry(lines[0], path, 1)
+    begin = _entry(data[: data.find(b"\n") + 1].decode(errors="replace"), path, 1)
     if begin.get("kind") != "archive" or not isinstance(begin.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
-    renewed = [line for line in lines[1:] if '"kind": "archive"' in line]
-    return Ledger(root, str(_entry(renewed[-1], path, 1)["id"]) if renewed else begin["id"])
+    *_, (_, newest) = _lines(data, '"kind": "archive"')
+    return Ledger(root, str(_entry(newest.decode(errors="replace"), path, 1)["id"]))
 
 
 def _read(root: Path) -> bytes:
-    """The content of the file; InputError where it is not what the chain lists.
+    """The lines of the file; InputError where it is not what the chain lists.
 
     Other benches may write while this reads: what does not fit is read again until it no longer changes.
     """
@@ -177,18 +192,15 @@ def _proved(root: Path, data: bytes) -> bytes:
 
 def _content(root: Path) -> bytes:
     try:
-        return (root / FILE).read_bytes()
+        return whole_lines((root / FILE).read_bytes())
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", root / FILE) from None
 
 
-def _whole(data: bytes) -> bytes:
-    """Without a last line that a kill or a full disk cut off: nobody was told that it was written."""
-    return data[: data.rfind(b"\n") + 1]
-
-
-def _with(data: bytes, entries: Sequence[Entry]) -> bytes:
-    before, lines = hashlib.sha256(data), [data]
+def _more(root: Path, old: bytes, before: Hash, entries: Sequence[Entry]) -> bytes:
+    """Lines to add to others, of which the SHA-256 is `before`."""
+    _proved(root, old)
+    lines = list[bytes]()
     for entry in entries:
         line = json.dumps({**entry, "previous": before.hexdigest()}, allow_nan=False).encode() + b"\n"
         before.update(line)
