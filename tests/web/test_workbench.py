@@ -447,7 +447,8 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
     wide = {**found, "verdict": "unknown_effect", "nearest": None}
     bare = {**found, "suspects": [], "unexplained": []}
-    cases = [found, wide, *({**bare, "verdict": word} for word in ("adequate", "undecided", "unknown_effect"))]
+    bares = [{**bare, "verdict": word} for word in ("adequate", "undecided", "unknown_effect")]
+    cases = [found, wide, *bares, {**bares[1], "floor_dph": None}]
     script = """
     globalThis.document = { documentElement: {} };
     const words = await import(new URL("../../lib/words.js", process.argv[1]));
@@ -462,6 +463,7 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     assert number(found["suspects"][0]["proof"]["after_dph"]) in english[0][1]
     assert ukrainian[0][0].startswith("Бракує: Гістерезис (ширина петлі 5,0")
     assert [len(case) for case in english] == [len(case) for case in ukrainian] == [len(case) for case in chinese]
+    assert english[5][0] == "The noise floor is unknown."
     for sentence in (text for case in chinese for text in case):
         assert re.search("[\u4e00-\u9fff]", sentence)
         assert not re.search(rf"[{{}}]|undefined|{LATIN}", sentence.replace("RMS", "")), sentence

@@ -81,10 +81,10 @@ export function reasons(next) {
 export function sentences(found) {
   const sizes = { rms: number(found.rms_dph), floor: number(found.floor_dph) };
   if (found.verdict === "adequate")
-    return [found.floor_dph === null ? t("workbench.say.adequate_no_floor", sizes) : t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
+    return [t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
   if (found.verdict === "missing_effect") return missing(found);
   if (found.verdict === "undecided")
     return found.suspects.some((one) => one.found) ? missing(found)
-      : [t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
+      : [...(found.floor_dph === null ? [t("workbench.caption.no_floor")] : []), t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
   return unknown(found);
 }
