@@ -217,7 +217,7 @@ def test_without_a_noise_floor_the_diagnosis_is_not_decided_as_the_report_says()
     run = hidden_run(profile="short", seed=4)
     answer = diagnose([run], SPLINE, candidates=FEW, floor_dph=np.nan)
     assert (answer.verdict, answer.proved) == ("undecided", None)
-    assert "noise floor unknown) fits no effect of the catalogue, and no soak shows how large" in answer.sentence
+    assert "noise floor –) fits no effect of the catalogue, and no soak shows how large" in answer.sentence
     proposal = next_experiment(answer, [run])
     assert proposal is not None
     assert proposal.use == "static"

@@ -208,6 +208,19 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert any("k * time" in value for value in values), values
 
 
+def test_an_option_that_cannot_be_is_refused_once(page, visitors):
+    choose(page)
+    diagnosed(page)
+    visitors.of(page).forgives = re.compile("status of 400")
+    box = page.get_by_label(re.compile("intervals", re.IGNORECASE)).first
+    box.fill("-1")
+    box.press("Tab")
+    page.get_by_role("alert").first.wait_for()
+    page.locator(".wb-pulse").first.wait_for(state="detached")
+    page.wait_for_load_state("networkidle")
+    assert ["intervals" in said for said in page.get_by_role("alert").all_inner_texts()] == [True]
+
+
 def test_a_note_and_a_view_are_kept_with_the_run_and_opened_again(page):
     choose(page)
     page.get_by_role("tab", name="Loop").click()

@@ -245,6 +245,11 @@ def test_a_formula_is_checked_as_it_is_typed_and_fitted_like_any_effect(client: 
     assert asked("k * dT_dt")["parameters"] == ["k"]
     assert "did you mean 'temperature'" in asked("k * tempratur")["detail"]
     assert not asked("__import__('os')")["ok"]
+    assert asked("k * supply")["ok"]
+    lacking = asked("k * supply", runs=[RUN])
+    assert not lacking["ok"]
+    assert f"{RUN} has no channel 'supply': choose one of temperature, " in lacking["detail"]
+    assert asked("k * dT_dt * temperature", runs=[RUN])["ok"]
     term = asked("a * play(temperature, w)", bounds={"w": [1, 20]})
     model = {"name": "own", "effects": [*SPLINE["effects"], term["effect"]]}
     rungs = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, model]})["rungs"]

@@ -21,7 +21,10 @@ def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
 def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
-        return f"This data shows no missing effect: the residual {_sizes(answer)} is noise.{noise}{_slow(answer)}"
+        return (
+            f"This data shows no missing effect: the residual ({number(answer.rms_dph)} deg/h RMS, noise floor "
+            f"{number(answer.floor_dph)}) is noise.{noise}{_slow(answer)}"
+        )
     if answer.verdict == "missing_effect":
         return _missing(answer)
     if answer.verdict == "undecided":
@@ -100,14 +103,9 @@ def _undecided(answer: Diagnosis, why: str) -> str:
     """What remains may be a slow cause, or the noise."""
     ask = "record an isothermal run and give it as --static" if not answer.static else "record the run that is proposed"
     return (
-        f"A slow cause or the noise: this run cannot tell. The residual {_sizes(answer)} fits no effect of the "
-        f"catalogue, and {why}: {ask}."
+        f"A slow cause or the noise: this run cannot tell. The residual ({number(answer.rms_dph)} deg/h RMS, noise "
+        f"floor {number(answer.floor_dph)}) fits no effect of the catalogue, and {why}: {ask}."
     )
-
-
-def _sizes(answer: Diagnosis) -> str:
-    floor = number(answer.floor_dph) if np.isfinite(answer.floor_dph) else "unknown"
-    return f"({number(answer.rms_dph)} deg/h RMS, noise floor {floor})"
 
 
 def _slow(answer: Diagnosis) -> str:
