@@ -134,3 +134,10 @@ def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, o
     script = "console.log(JSON.stringify(page.told(...given)))"
     assert language.told(english, spoken) == own
     assert page_modules.told("lib/told.js", script, [english, spoken]) == own  # type: ignore[no-untyped-call]
+
+
+def test_a_station_has_one_word_in_ukrainian() -> None:
+    texts = [words[0] for words in language.sentences().values()] + [
+        str(word) for word in page_modules.catalogue("uk").values()
+    ]
+    assert [text for text in texts if "станці" in text.lower()] == []

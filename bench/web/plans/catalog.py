@@ -129,10 +129,12 @@ def limits(path: Path) -> dict[str, Any]:
     return {"title": found.name, "summary": " ".join(found.description.split())}
 
 
-def curve(profile: Profile) -> list[tuple[float, float]]:
-    """Corners of the nominal set point: [s], [degC]; bounded in number."""
-    times, degc = (values.tolist() for values in profile.corners())
-    corners = [(round(t, 1), round(value, 3)) for t, value in zip(times, degc, strict=True)]
+def curve(*profiles: Profile) -> list[tuple[float, float]]:
+    """Corners of the nominal set point of runs one after the other: [s], [degC]; bounded in number."""
+    corners: list[tuple[float, float]] = []
+    for profile in profiles:
+        begin_s = corners[-1][0] if corners else 0.0
+        corners += [(round(begin_s + t, 1), round(degc, 3)) for t, degc in zip(*profile.corners(), strict=True)]
     inner = zip(corners, corners[1:], corners[2:], strict=False)
     kept = [corners[0], *(mid for one, mid, other in inner if not one[1] == mid[1] == other[1]), corners[-1]]
     if len(kept) <= MOST_CORNERS:
@@ -151,7 +153,7 @@ def calibration(path: Path) -> dict[str, Any]:
         "title": known.name.replace("_", " "),
         "summary": " ".join(known.description.split()),
         "nominal_s": sum(profile.duration_s for profile in profiles),
-        "curve": curve(load_profile(path.parent / known.profile)),
+        "curve": curve(*profiles),
         "kind": "imu" if known.imu else "rate" if any(leg.turn_dps for leg in legs) else "temperature",
         "attitudes": len({leg.attitude for leg in legs if leg.attitude}),
         "certificate": known.certificate,
@@ -198,7 +200,7 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
     told = {
         "units": [order.serial],
         "duration_s": sum(profile.duration_s for profile in profiles),
-        "curve": curve(load_profile(order.document(order.plan.profile))),
+        "curve": curve(*profiles),
         "segments": [],
         "begun": None if job is None else {"job": f"{job.folder.parent.name}/{job.folder.name}", "state": job.state},
     }
