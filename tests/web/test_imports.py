@@ -79,9 +79,7 @@ def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client
     assert [*faults(folder.path), *faults(tmp_path / "out")] == [], "this bench signed it, with its own key"
     assert client.get("/api/v1/units/GX-7").json()["runs"][0]["kind"] == "import"
     drawn = ended(client, client.post("/api/v1/figures", json={"kind": "time", "runs": [made["run"]], "model": FIRST}))
-    assert drawn["result"]["figure"]["data"], (
-        "the workbench draws it, whether its first model fits or not"
-    )
+    assert drawn["result"]["figure"]["data"], "the workbench draws it, whether its first model fits or not"
     assert client.post(place, json=wanted).status_code == 404, "what was imported is gone"
 
 
