@@ -19,6 +19,7 @@ from bench.base import BenchError, Document, InputError, library, load_config, n
 from bench.commands import JobFile, Order, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
 from bench.record import slug
+from bench.web.ground.problems import within
 from drivers.errors import DriverError
 
 MOST_CORNERS = 256
@@ -207,7 +208,8 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
     try:
         warnings = check_order(order)
     except BenchError as error:
-        found = [{"level": "error", "text": text, "line": None} for text in str(error).splitlines()]
+        said = within(Path(wanted["project"]), str(error))
+        found = [{"level": "error", "text": text, "line": None} for text in said.splitlines()]
         return {**told, "ok": False, "findings": found}
     return {**told, "ok": True, "findings": [{"level": "warning", "text": text, "line": None} for text in warnings]}
 

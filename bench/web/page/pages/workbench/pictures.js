@@ -4,7 +4,8 @@ import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { caption, spoken, symbols } from "./spoken.js";
+import { symbols } from "../../lib/words.js";
+import { caption, spoken } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { Said } from "../../lib/said.js";
 

@@ -1,8 +1,8 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
-import { channelWord, or, t } from "../../lib/words.js";
+import { channelWord, or, symbols, t } from "../../lib/words.js";
 import { effectWord } from "./effects.js";
 import { measured, number } from "./parts.js";
-import { labelled, symbols } from "./spoken.js";
+import { labelled } from "./spoken.js";
 
 /** Name of a fitted parameter of an effect, as people read it. */
 export const parameterWord = (name) => or(`workbench.parameter.${name}`, name.replaceAll("_", " "));

@@ -1,12 +1,8 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
-import { known, language, t } from "../../lib/words.js";
+import { known, language, symbols, t } from "../../lib/words.js";
 import { effectWord } from "./effects.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
-
-/** A unit (deg/h/degC) with the symbols of the language. */
-export const symbols = (unit) =>
-  known(`symbol.${unit}`) ? t(`symbol.${unit}`) : (unit ?? "").replace(/[A-Za-z]+/g, (one) => (known(`symbol.${one}`) ? t(`symbol.${one}`) : one));
 
 const separators = () => {
   const parts = new Intl.NumberFormat(language.get()).formatToParts(12345.6);

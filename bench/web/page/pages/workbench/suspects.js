@@ -2,7 +2,7 @@
 import { html, or, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
-import { symbols } from "./spoken.js";
+import { symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 
 const SHOWN = 4;
