@@ -89,6 +89,8 @@ def _patterns() -> list[tuple[re.Pattern[str], list[str]]]:
 def _told(text: str, column: int) -> str | None:
     if (plain := _plain(text, column)) is not None:
         return plain
+    if text[1:].endswith(".") and (bare := _told(text[:-1], column)) is not None:
+        return bare + str(_catalogue()["rules"]["stop"][column])
     for pattern, own in _patterns():
         if match := pattern.fullmatch(text):
             values = {name: _told(value, column) or value for name, value in match.groupdict().items()}
@@ -99,8 +101,7 @@ def _told(text: str, column: int) -> str | None:
         made = [_told(part, column) for part in parts] if len(parts) > 1 else []
         if any(made):
             return str(own[column].join(one or part for one, part in zip(made, parts, strict=True)))
-    bare = _told(text[:-1], column) if text[1:].endswith(".") else None
-    return None if bare is None else bare + str(rules["stop"][column])
+    return None
 
 
 def _plain(text: str, column: int) -> str | None:

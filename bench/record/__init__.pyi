@@ -23,6 +23,7 @@ from .dataset import STILL_DEGC_PER_MIN as STILL_DEGC_PER_MIN
 from .dataset import Dataset as Dataset
 from .dataset import Segment as Segment
 from .dataset import averaged as averaged
+from .dataset import channels_in as channels_in
 from .dataset import load as load
 from .dataset import refuse_mixed as refuse_mixed
 from .dataset import seconds_of as seconds_of

@@ -16,9 +16,9 @@ from bench.record.chain import use
 from bench.record.earth import EARTH, earth_rate
 from bench.record.means import write_means
 from bench.record.records.manifest import ExecutedSegment, Manifest
-from bench.record.samples import floats
+from bench.record.samples import SampleFile, floats
 
-__all__ = ["Dataset", "Segment", "load", "write_means"]
+__all__ = ["Dataset", "Segment", "channels_in", "load", "write_means"]
 
 DEFAULT_INTERVAL_S = 30.0
 STILL_DEGC_PER_MIN = 0.05
@@ -382,6 +382,13 @@ def seconds_of(run_folder: Path | str, output: str | None = None) -> Dataset:
     whole = _dataset(table, manifest, folder)
     rates = [name for name in whole.outputs if name in RATES]
     return whole.of(output or rates[0]) if output or len(rates) == 1 else whole
+
+
+def channels_in(folder: Path) -> set[str]:
+    """Channels of a run's `Dataset`, without reading a sample."""
+    with SampleFile(folder / "data.parquet") as file:
+        channels = {"temperature", *file.names} & {*CHANNELS} - {"time"}
+    return channels if Manifest.read(folder).orientation is None else {*channels, EARTH}
 
 
 def _steady(base: Dataset) -> BoolArray:

@@ -10,17 +10,19 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import parse_qsl, urlsplit
 
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerType
-from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.simulator.simutils import SimUtils
 
 from drivers.errors import LinkError
 from drivers.sim.ptys import PtyPair
+
+if TYPE_CHECKING:
+    from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
@@ -104,6 +106,8 @@ class ModbusWire:
         return [SimData(0, values=[False] * _MOST_BITS, datatype=DataType.BITS)]
 
     def _server(self, device: SimDevice) -> ModbusTcpServer | ModbusSerialServer:
+        from pymodbus.server import ModbusSerialServer, ModbusTcpServer  # imports a whole web server
+
         if self._wire in ("tcp", "rtu+tcp"):
             framer = FramerType.SOCKET if self._wire == "tcp" else FramerType.RTU
             address = ("127.0.0.1", self.port)

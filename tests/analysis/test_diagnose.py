@@ -213,6 +213,16 @@ def test_adequate_without_an_isothermal_run_says_what_it_cannot_tell():
     assert "A slow cause that no channel records cannot be told from the noise" in answer.sentence
 
 
+def test_without_a_noise_floor_the_diagnosis_is_not_decided_as_the_report_says():
+    run = hidden_run(profile="short", seed=4)
+    answer = diagnose([run], SPLINE, candidates=FEW, floor_dph=np.nan)
+    assert (answer.verdict, answer.proved) == ("undecided", None)
+    assert "noise floor –) fits no effect of the catalogue, and no soak shows how large" in answer.sentence
+    proposal = next_experiment(answer, [run])
+    assert proposal is not None
+    assert proposal.use == "static"
+
+
 def test_white_noise_that_grows_is_a_finding_about_noise_and_no_missing_effect(still):
     loud = HiddenUnit(noise={"angle_random_walk": 0.02, "bias_instability": 0.03, "rate_random_walk": 0.03})
     answer = diagnose([loud.run("short", seed=3)], SPLINE, static=still, candidates=FEW)

@@ -2,9 +2,12 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
+from bench.archive.difference.results import quantities
+from bench.record import StoredQuantity
 from tests.support.commands import bench
 from tests.support.report_runs import quick
 from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
@@ -57,6 +60,19 @@ def test_another_unit_is_told_by_its_curve_its_coefficients_and_its_quantities(r
     assert {"where": "unit", "a": "SIM-0001", "b": "SIM-0009"} in found["facts"]
     assert "bias_max_dph" in {entry["quantity"] for entry in found["quantities"]}
     assert [entry["segment"] for entry in found["segments"]] == ["soak at 25 again"]
+
+
+def test_how_far_quantities_are_apart_has_one_unit_and_no_number_without_one():
+    def told(value, half):
+        ends = {} if half is None else {"low": value - half, "high": value + half}
+        return SimpleNamespace(quantities=[StoredQuantity(name="residual_rms_dph", value=value, **ends)])
+
+    def apart(a, b):
+        return [entry["apart"] for entry in quantities(a, b)]
+
+    assert apart(told(1.0, 0.1), told(1.4, 0.1)) == [pytest.approx(2.0)], "half-widths of the intervals"
+    assert apart(told(1.0, None), told(1.4, None)) == [None]
+    assert apart(told(1.0, 0.1), told(1.1, 0.1)) == []
 
 
 def test_settings_are_compared_by_what_they_say_and_not_by_how(runs, tmp_path):

@@ -65,6 +65,6 @@ def test_the_environment_names_the_language(monkeypatch, environment, said):
 def test_a_command_answers_people_in_their_language_and_programs_always_alike(tmp_path, monkeypatch):
     monkeypatch.setenv("BENCH_LANG", "uk")
     told = CliRunner().invoke(main, ["status", "--out", str(tmp_path)])
-    assert told.output.startswith("немає запущеного випробування")
+    assert told.output.startswith("немає запущеного прогону")
     answer = CliRunner().invoke(main, ["status", "--out", str(tmp_path), "--json"])
     assert json.loads(answer.stdout) == {"runs": []}

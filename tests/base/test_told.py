@@ -125,6 +125,8 @@ SAMPLES = [
      "найгірша 2,5 мс, медіана 0,1 мс із 10; timeout_s = 1,5"),
     ("spline: intervals is 'lots', allowed is a whole number from 1 to 200", "zh",
      "spline：intervals 为 'lots'，允许 1 至 200 的整数"),
+    ("no frame lost; M1 lacks no effect that this run could show.", "uk",
+     "жодного кадру не втрачено; моделі M1 не бракує жодного ефекту, який цей прогін міг показати."),
     ("like nothing that was ever said", "uk", None),
 ]  # fmt: skip
 
@@ -134,3 +136,12 @@ def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, o
     script = "console.log(JSON.stringify(page.told(...given)))"
     assert language.told(english, spoken) == own
     assert page_modules.told("lib/told.js", script, [english, spoken]) == own  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize("wrong", ["станці", "випробуван", r"\bза межами"], ids=["station", "run", "outside limits"])
+def test_a_ukrainian_word_means_one_thing(wrong: str) -> None:
+    """A station is «стенд», a run «прогін»; «за межами» says "by limits" and "outside limits" at once."""
+    texts = [words[0] for words in language.sentences().values()]
+    texts += [str(words) for words in page_modules.catalogue("uk").values()]
+    texts.append((ROOT / "bench" / "base" / "words" / "uk.json").read_text())
+    assert [text for text in texts if re.search(wrong, text.lower())] == []

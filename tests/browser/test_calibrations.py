@@ -8,7 +8,7 @@ import pytest
 from tests.browser.test_operator import press_tab_to
 from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
-from tests.support.visiting import PATIENCE_MS, TABLET, picture
+from tests.support.visiting import PATIENCE_MS, PHONE, TABLET, english, picture
 
 
 @pytest.fixture
@@ -108,6 +108,10 @@ def test_a_new_gyro_goes_to_its_certificate(bench, visitors):
     job = page.url.partition("/calibrations/")[2]
     told = json.loads((bench.out / job / "job.json").read_text())
     assert (told["unit"], told["verdict"]) == ("GX-0815", "PASS")
+    for language in ("uk", "zh"):
+        page.locator(".bar select").select_option(language)
+        page.locator(f"html[lang|={language}]").wait_for()
+        assert english(page) == []
     run = bench.out / "GX-0815" / told["steps"]["run"]["facts"]["run"]
     assert json.loads((run / "manifest.json").read_text())["operator"].startswith("Olena ")
 
@@ -128,6 +132,10 @@ def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page.goto("/calibrations")
     page.get_by_role("link", name="GX-0815").wait_for()
     picture(page, "calibrations-tablet")
+    page.set_viewport_size(PHONE)
+    page.evaluate("document.fonts.ready")
+    state = page.get_by_role("row", name="GX-0815").locator(".lamp").bounding_box()
+    assert state["x"] + state["width"] <= PHONE["width"], "how it stands is seen without a move"
 
 
 @pytest.mark.slow

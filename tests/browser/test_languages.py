@@ -7,20 +7,10 @@ import pytest
 
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
 from tests.support.run_folders import make_run, ramp_run
-from tests.support.visiting import picture
+from tests.support.visiting import english, picture
 
 RUN = "GX-1/20261101T000000Z_ramp"
-SAID = """() => {
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), said = [];
-  for (let node = walker.nextNode(); node; node = walker.nextNode())
-    if (!node.parentElement.closest('code, noscript, textarea, script, style, .mono, .wb-code'))
-      said.push(node.data.trim());
-  for (const element of document.querySelectorAll('[aria-label], [title], [placeholder]'))
-    for (const name of ['aria-label', 'title', 'placeholder']) said.push(element.getAttribute(name) ?? '');
-  return said.filter(Boolean);
-}"""
 OPEN = "() => document.querySelectorAll('details').forEach((one) => (one.open = true))"
-ENGLISH = re.compile(r"\b[a-z]{2,}(?: [a-z]{2,}){2,}")
 
 
 @pytest.fixture(scope="module")
@@ -33,16 +23,6 @@ def bench(tmp_path_factory, project):
     with bench_over(out, project) as bench:
         bench.run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
         yield bench
-
-
-def english(page):
-    """Runs of English words, without what people or files have named, once the sentences have been fetched."""
-    for _ in range(100):
-        found = [text for text in page.evaluate(SAID) if ENGLISH.search(re.sub(r"`[^`]*`", "", text))]
-        if not found:
-            break
-        page.wait_for_timeout(100)
-    return found
 
 
 @pytest.fixture(params=["uk", "zh"])

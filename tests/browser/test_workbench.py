@@ -13,7 +13,7 @@ from bench.base import library
 from bench.mystery.mystery import make_mystery
 from tests.support.run_folders import keep
 from tests.support.servers import site_over
-from tests.support.visiting import picture
+from tests.support.visiting import DESKTOP, PHONE, picture
 
 SEED = 7  # hides `aging`
 MANY = 300
@@ -208,6 +208,19 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert any("k * time" in value for value in values), values
 
 
+def test_an_option_that_cannot_be_is_refused_once(page, visitors):
+    choose(page)
+    diagnosed(page)
+    visitors.of(page).forgives = re.compile("status of 400")
+    box = page.get_by_label(re.compile("intervals", re.IGNORECASE)).first
+    box.fill("-1")
+    box.press("Tab")
+    page.get_by_role("alert").first.wait_for()
+    page.locator(".wb-pulse").first.wait_for(state="detached")
+    page.wait_for_load_state("networkidle")
+    assert ["intervals" in said for said in page.get_by_role("alert").all_inner_texts()] == [True]
+
+
 def test_a_note_and_a_view_are_kept_with_the_run_and_opened_again(page):
     choose(page)
     page.get_by_role("tab", name="Loop").click()
@@ -235,6 +248,29 @@ def test_two_runs_are_compared(page):
     page.locator("[role=option]", has_text="check_minor_loops").click()
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
+
+
+LEGEND_ABOVE = """() => {
+  const plot = document.querySelector('.wb-plot'), { width, yaxis } = plot._fullLayout;
+  const bottom = plot.querySelector('.legend').getBoundingClientRect().bottom - plot.getBoundingClientRect().y;
+  return Math.abs(width - plot.clientWidth) < 2 && bottom <= yaxis._offset + 1;
+}"""
+LADDER_AS_PAGE = """() => {
+  const soft = getComputedStyle(document.documentElement).getPropertyValue('--soft').trim();
+  return document.querySelector('.wb-ladder text').getAttribute('fill') === soft;
+}"""
+
+
+def test_figures_follow_the_size_of_the_window_and_its_colours(page):
+    choose(page)
+    page.locator(".wb-plot .legend").wait_for()
+    page.locator(".wb-ladder text").first.wait_for()
+    for size in (PHONE, DESKTOP):
+        page.set_viewport_size(size)
+        page.wait_for_function(LEGEND_ABOVE)
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_function(LADDER_AS_PAGE)
 
 
 POINT = """() => {

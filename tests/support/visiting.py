@@ -89,3 +89,25 @@ def picture(page, name, **options):
     folder = Path(PICTURES)
     folder.mkdir(parents=True, exist_ok=True)
     few.save(folder / f"{name}.png", optimize=True)
+
+
+_SAID = """() => {
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), said = [];
+  for (let node = walker.nextNode(); node; node = walker.nextNode())
+    if (!node.parentElement.closest('code, noscript, textarea, script, style, .mono, .wb-code'))
+      said.push(node.data.trim());
+  for (const element of document.querySelectorAll('[aria-label], [title], [placeholder]'))
+    for (const name of ['aria-label', 'title', 'placeholder']) said.push(element.getAttribute(name) ?? '');
+  return said.filter(Boolean);
+}"""
+_ENGLISH = re.compile(r"\b[a-z]{2,}(?: [a-z]{2,}){2,}")
+
+
+def english(page):
+    """Runs of English words, without what people or files have named, once the sentences have been fetched."""
+    for _ in range(100):
+        found = [text for text in page.evaluate(_SAID) if _ENGLISH.search(re.sub(r"`[^`]*`", "", text))]
+        if not found:
+            break
+        page.wait_for_timeout(100)
+    return found

@@ -67,6 +67,11 @@ def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_ab
         stopped = until(lambda: (now := client.get(f"/api/v1/calibrations/{id_}").json())["state"] == "failed" and now)
         assert (stopped["exit_code"], at(stopped)["check"]) == (2, "failed")
         assert "no laboratory and no signatory" in stopped["sentence"]
+        asked = {"plan": "brief", "station": "bare", "unit": "GX-0815@BARE-1"}
+        checked = client.post("/api/v1/calibrations/checks", json=asked).json()["job"]
+        checked = client.get(f"/api/v1/jobs/{checked}?wait_s=20").json()
+        assert "no laboratory and no signatory" in str(checked["result"]["findings"])
+        assert str(settings.project) not in json.dumps([stopped, checked]), "nobody at a page needs the folder"
         for kind, content in (("laboratory", LABORATORY), ("equipment", EQUIPMENT)):
             answer = client.put(f"/api/v1/stations/bare/papers/{kind}", json={"content": content})
             assert answer.status_code == 200, answer.text

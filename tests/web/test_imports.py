@@ -20,6 +20,7 @@ from tests.support.web_client import served
 
 API = "/api/v1/imports"
 HEADERS = {"X-Bench": "1"}
+FIRST = {"name": "spline", "effects": [{"effect": "spline", "intervals": 24, "ends": "natural"}]}
 
 
 def table(rows=600, header="time [s],gx,T (degC)"):
@@ -77,6 +78,8 @@ def test_a_table_whose_unit_is_unclear_is_shown_then_mapped_then_imported(client
     assert folder.manifest().source["file"] == "log.csv"
     assert [*faults(folder.path), *faults(tmp_path / "out")] == [], "this bench signed it, with its own key"
     assert client.get("/api/v1/units/GX-7").json()["runs"][0]["kind"] == "import"
+    drawn = ended(client, client.post("/api/v1/figures", json={"kind": "time", "runs": [made["run"]], "model": FIRST}))
+    assert drawn["result"]["figure"]["data"], "the workbench draws it, whether its first model fits or not"
     assert client.post(place, json=wanted).status_code == 404, "what was imported is gone"
 
 

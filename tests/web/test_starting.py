@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.acquisition.profile.profile import profile_from_text
+from bench.acquisition.profile.profile import load_profile, profile_from_text
 from bench.base import config, library
 from bench.base.errors import InputError
 from bench.record.folder import open_run
@@ -253,6 +253,15 @@ def test_a_curve_has_a_bounded_number_of_corners():
     assert len(curve) == catalog.MOST_CORNERS
     flat = profile_from_text("name: flat\nsegments:\n" + "  - {kind: soak, duration_min: 1}\n" * 50)
     assert catalog.curve(flat) == [(0.0, 23.0), (3000.0, 23.0)]
+
+
+def test_a_calibration_is_drawn_with_all_of_its_runs():
+    drawn = catalog.calibration(library() / "plans" / "quick.yaml")
+    files = [library() / f"quick_{name}.yaml" for name in ("static", "calibration", "check")]
+    parts = [catalog.curve(load_profile(file)) for file in files]
+    assert drawn["curve"][-1] == (pytest.approx(drawn["nominal_s"], abs=1.0), parts[-1][-1][1])
+    for part in parts:
+        assert {degc for _, degc in part} <= {degc for _, degc in drawn["curve"]}
 
 
 def test_two_station_files_of_one_chamber_are_one_station():

@@ -245,6 +245,11 @@ def test_a_formula_is_checked_as_it_is_typed_and_fitted_like_any_effect(client: 
     assert asked("k * dT_dt")["parameters"] == ["k"]
     assert "did you mean 'temperature'" in asked("k * tempratur")["detail"]
     assert not asked("__import__('os')")["ok"]
+    assert asked("k * supply")["ok"]
+    lacking = asked("k * supply", runs=[RUN])
+    assert not lacking["ok"]
+    assert f"{RUN} has no channel 'supply': choose one of temperature, " in lacking["detail"]
+    assert asked("k * dT_dt * temperature", runs=[RUN])["ok"]
     term = asked("a * play(temperature, w)", bounds={"w": [1, 20]})
     model = {"name": "own", "effects": [*SPLINE["effects"], term["effect"]]}
     rungs = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, model]})["rungs"]
@@ -447,7 +452,8 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
     wide = {**found, "verdict": "unknown_effect", "nearest": None}
     bare = {**found, "suspects": [], "unexplained": []}
-    cases = [found, wide, *({**bare, "verdict": word} for word in ("adequate", "undecided", "unknown_effect"))]
+    bares = [{**bare, "verdict": word} for word in ("adequate", "undecided", "unknown_effect")]
+    cases = [found, wide, *bares, {**bares[1], "floor_dph": None}]
     script = """
     globalThis.document = { documentElement: {} };
     const words = await import(new URL("../../lib/words.js", process.argv[1]));
@@ -462,6 +468,7 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     assert number(found["suspects"][0]["proof"]["after_dph"]) in english[0][1]
     assert ukrainian[0][0].startswith("Бракує: Гістерезис (ширина петлі 5,0")
     assert [len(case) for case in english] == [len(case) for case in ukrainian] == [len(case) for case in chinese]
+    assert english[5][0] == "The noise floor is unknown."
     for sentence in (text for case in chinese for text in case):
         assert re.search("[\u4e00-\u9fff]", sentence)
         assert not re.search(rf"[{{}}]|undefined|{LATIN}", sentence.replace("RMS", "")), sentence

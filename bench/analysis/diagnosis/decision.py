@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, isnan
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, VerdictWord
 from bench.analysis.diagnosis.held_out import Unseen
@@ -41,9 +41,12 @@ def decide(
         ratio = (base.left.rms_dph if base.left.by == "check" else base.rms_dph) / floor_dph
         if ratio > ADEQUATE_RATIO:
             slow = slow or f"the error on unseen data is {ratio:.2g} x the noise floor"
+        if not isfinite(ratio):
+            floor = "no soak shows how large the noise is"
+            slow = slow or (floor if isnan(floor_dph) else "no error on unseen data is known")
         if slow:
-            return Decision("undecided", False, slow)
-        return Decision("adequate", True if isfinite(ratio) else None)
+            return Decision("undecided", False if isfinite(ratio) else None, slow)
+        return Decision("adequate", True)
     if some:
         if base.left.by == "check" and improved.left.rms_dph / floor_dph > NEAREST_RATIO:
             return Decision("unknown_effect", False, nearest=found[0].effect)

@@ -234,5 +234,5 @@ def _proposal(
     predicted: tuple[float, float] = (np.nan, np.nan),
     use: Use = "run",
 ) -> Proposal:
-    text = plan.to_yaml(limits, f"Tells apart: {', '.join(names)}. {why}.")
+    text = plan.to_yaml(limits, f"Tells apart: {', '.join(names)}; {why}.")
     return Proposal(names, why, *predicted, plan.duration_s / 60.0, plan.name, text, use=use)

@@ -20,13 +20,12 @@ from bench.analysis.diagnosis.candidates import (
     to_unit,
 )
 from bench.analysis.noise.likelihood import STEPS, NoiseLattice, Point, Surface, beside, gls, spanned
-from bench.analysis.noise.probability import chi2_quantile
+from bench.analysis.noise.probability import CHI2_95
 from bench.analysis.noise.whitening import Whitener
 from bench.base import BoolArray, FloatArray
 
 _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes
-_WITHIN = float(chi2_quantile(0.95, 1))
 
 
 @dataclass(frozen=True)
@@ -263,8 +262,8 @@ def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
         outside = best + np.sign(end - best) * step
         if (end - outside) * (end - best) <= 0.0:
             outside = end
-        if rise(outside) >= _WITHIN:
-            return float(scipy.optimize.brentq(lambda u: rise(u) - _WITHIN, inside, outside, xtol=1e-4, maxiter=60))
+        if rise(outside) >= CHI2_95:
+            return float(scipy.optimize.brentq(lambda u: rise(u) - CHI2_95, inside, outside, xtol=1e-4, maxiter=60))
         if outside == end:
             return end
         inside, step = outside, 2.0 * step

@@ -21,7 +21,10 @@ def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
 def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
-        return f"This data shows no missing effect: the residual {_remains(answer)}.{noise}{_slow(answer)}"
+        return (
+            f"This data shows no missing effect: the residual ({number(answer.rms_dph)} deg/h RMS, noise floor "
+            f"{number(answer.floor_dph)}) is noise.{noise}{_slow(answer)}"
+        )
     if answer.verdict == "missing_effect":
         return _missing(answer)
     if answer.verdict == "undecided":
@@ -155,16 +158,6 @@ def _where(place: Place) -> str:
     low, high = ends(place.low, place.high)
     size = f"{number(place.misfit_dph)} deg/h, p {place.p:.1g}{note}"
     return f"over {place.channel} from {low} to {high} {place.unit} ({size})"
-
-
-def _remains(answer: Diagnosis) -> str:
-    rms = f"({number(answer.rms_dph)} deg/h RMS"
-    if np.isfinite(answer.floor_dph):
-        return f"{rms}, noise floor {number(answer.floor_dph)}) is noise"
-    return (
-        f"{rms}) looks like noise, but no soak shows how large the unit's own noise is: record an isothermal run and "
-        "give it as --static"
-    )
 
 
 def _capital(text: str) -> str:

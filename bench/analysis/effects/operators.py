@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+import scipy
 
 from bench.base import FloatArray
 
@@ -130,7 +130,7 @@ def _lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray
     drive = step / step_s * tau * np.expm1(-step_s / tau)
     band = np.ones((2, len(drive)))  # the recursion is a triangular system of two diagonals
     band[1, :-1] = -decay[1:]
-    behind = dtbtrs(band, drive[:, None], uplo="L", diag="U")[0][:, 0]
+    behind = scipy.linalg.lapack.dtbtrs(band, drive[:, None], uplo="L", diag="U")[0][:, 0]
     lagged: FloatArray = value + np.concatenate([[0.0], behind])
     return lagged
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev
-from scipy.interpolate import BSpline
 
 from bench.analysis.imu.attitudes import STANDARD_GRAVITY, Stay
 from bench.analysis.thresholds import LEAST_RANGE_DEGC
@@ -114,7 +114,7 @@ class Curve:
             slopes = np.stack([chebyshev.chebval(inside, chebyshev.chebder(row)) for row in np.eye(self.size)], axis=1)
             return np.asarray(table + slopes * (x - inside)[:, None])
         knots = np.concatenate([[-1.0] * 3, np.linspace(-1.0, 1.0, self.intervals + 1), [1.0] * 3])
-        spline = BSpline(knots, np.eye(self.size), 3)
+        spline = scipy.interpolate.BSpline(knots, np.eye(self.size), 3)
         return np.asarray(spline(inside) + spline.derivative()(inside) * (x - inside)[:, None])
 
     def refuse(self, temperature: FloatArray) -> None:

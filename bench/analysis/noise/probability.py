@@ -9,6 +9,9 @@ from typing import Any
 
 import scipy
 
+CHI2_95 = 3.841458820694124
+"""`chi2_quantile(0.95, 1)`; written out, so that nothing has to import `scipy.special` to be there."""
+
 
 def chi2_quantile(share: float, freedom: Any) -> Any:
     """Value below which a chi-square variable of `freedom` degrees lies with this probability."""

@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from bench.analysis.noise.components import Squares
-from bench.analysis.noise.probability import chi2_quantile
+from bench.analysis.noise.probability import CHI2_95
 from bench.base import FloatArray
 
 _STEPS, _STEPS_OF_MANY = 60, 15
@@ -24,7 +24,7 @@ _GAINED = 1e-3  # of -2 ln L in any of the sets, below which the steps end
 _LARGEST = 1.5  # step of a logarithm
 _SIMULATED = 200
 _PRECISE = 0.05  # of the range that an end is searched in
-_LEAST, _USUAL, _MOST = 2.0, float(chi2_quantile(0.95, 1)), 8.0  # 95 % points of the ratio lie between the outer two
+_LEAST, _USUAL, _MOST = 2.0, CHI2_95, 8.0  # 95 % points of the ratio lie between the outer two
 _FAR = 4.0 ** np.arange(1.0, 12.0)
 _FINE, _REFINED, _CLOSE = 12, 8, 0.1
 
@@ -141,7 +141,8 @@ class _Test:
         inside, outside = (float(np.sqrt(self._crossing(side, limit))) for limit in (_LEAST, _MOST))
         if self._rejected(inside) > 0.0 or self._rejected(outside) < 0.0:
             return (inside if self._rejected(inside) > 0.0 else outside) ** 2
-        found: float = brentq(self._rejected, inside, outside, xtol=_PRECISE * abs(outside - inside), rtol=1e-9)
+        near = _PRECISE * abs(outside - inside)
+        found: float = scipy.optimize.brentq(self._rejected, inside, outside, xtol=near, rtol=1e-9)
         return found**2
 
     def _rejected(self, deviation: float) -> float:

@@ -90,7 +90,7 @@ def side_by_side(runs: Sequence[tuple[str, Dataset]]) -> Plot:
     values = [
         (name, data.channel("temperature"), data.bias - zero) for (name, data), zero in zip(runs, zeros, strict=True)
     ]
-    return overlaid(values, TEMPERATURE, f"{BIAS}, minus its mean over the common range")
+    return overlaid(values, TEMPERATURE, "bias [deg/h], minus its mean")
 
 
 def overlaid(runs: Sequence[tuple[str, FloatArray, FloatArray]], x_title: str, y_title: str) -> Plot:

@@ -16,6 +16,7 @@ from bench.base import InputError
 from bench.commands import STEP_NAMES, JobFile, at_work, station_of
 from bench.commands import Order as Calibration
 from bench.record import JobRecord, StoredCase, StoredStep, slug
+from bench.web.ground.problems import within
 from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.live.finding import folder_of
@@ -136,7 +137,8 @@ def calibrate(wanted: Wanted, request: Request, here: Here, who: Operator) -> St
 def check(intended: Intended, request: Request, here: Here, who: Operator) -> Asked:
     """Request the check that every calibration begins with."""
     files = _files(intended, here)
-    wanted = {"plan": str(files[0]), "station": str(files[1]), "unit": intended.unit, "out": str(here.out)}
+    folders = {"out": str(here.out), "project": str(here.project)}
+    wanted = {"plan": str(files[0]), "station": str(files[1]), "unit": intended.unit, **folders}
     return submit(request, "check", "bench.web.plans.catalog:ordered", wanted)
 
 
@@ -258,17 +260,17 @@ def _told(folder: Path, request: Request) -> Job:
     start = starts_of(request).of_job(record.unit, record.digest)
     live = watcher_of(request).of_job(id_)
     facts = record.steps["certificate"].facts if "certificate" in record.steps else {}
-    printed = (folder / "certificate.pdf").is_file()
+    printed, project = (folder / "certificate.pdf").is_file(), request.app.state.settings.project
     return Job(
         job=id_,
         unit=record.unit,
         plan=record.plan,
         state=_state(folder, record, start),
         verdict=record.verdict,
-        sentence=record.sentence,
+        sentence=within(project, record.sentence),
         exit_code=record.exit_code,
         created=record.created,
-        steps=[_step(name, record, folder) for name in STEP_NAMES],
+        steps=[_step(name, record, folder, project) for name in STEP_NAMES],
         live=None if live is None else live.runs[0],
         start=Start(**start) if start else None,
         certificate=str(facts["number"]) if printed and facts.get("number") else None,
@@ -317,7 +319,7 @@ def _short(name: str, step: StoredStep) -> str:
     return "skipped" if any(case.skipped and case.name == name for case in step.cases) else step.state
 
 
-def _step(name: str, record: JobRecord, folder: Path) -> StepNow:
+def _step(name: str, record: JobRecord, folder: Path, project: Path) -> StepNow:
     known = record.steps.get(name)
     if known is None:
         return StepNow(name=name, state="open")
@@ -327,7 +329,7 @@ def _step(name: str, record: JobRecord, folder: Path) -> StepNow:
         state=known.state,
         began=known.began,
         ended=known.ended,
-        sentence=known.sentence,
+        sentence=within(project, known.sentence),
         verdict=known.verdict,
         cases=list(known.cases),
         facts=known.facts,

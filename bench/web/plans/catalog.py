@@ -19,6 +19,7 @@ from bench.base import BenchError, Document, InputError, library, load_config, n
 from bench.commands import JobFile, Order, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
 from bench.record import slug
+from bench.web.ground.problems import within
 from drivers.errors import DriverError
 
 MOST_CORNERS = 256
@@ -129,10 +130,12 @@ def limits(path: Path) -> dict[str, Any]:
     return {"title": found.name, "summary": " ".join(found.description.split())}
 
 
-def curve(profile: Profile) -> list[tuple[float, float]]:
-    """Corners of the nominal set point: [s], [degC]; bounded in number."""
-    times, degc = (values.tolist() for values in profile.corners())
-    corners = [(round(t, 1), round(value, 3)) for t, value in zip(times, degc, strict=True)]
+def curve(*profiles: Profile) -> list[tuple[float, float]]:
+    """Corners of the nominal set point of runs one after the other: [s], [degC]; bounded in number."""
+    corners: list[tuple[float, float]] = []
+    for profile in profiles:
+        begin_s = corners[-1][0] if corners else 0.0
+        corners += [(round(begin_s + t, 1), round(degc, 3)) for t, degc in zip(*profile.corners(), strict=True)]
     inner = zip(corners, corners[1:], corners[2:], strict=False)
     kept = [corners[0], *(mid for one, mid, other in inner if not one[1] == mid[1] == other[1]), corners[-1]]
     if len(kept) <= MOST_CORNERS:
@@ -151,7 +154,7 @@ def calibration(path: Path) -> dict[str, Any]:
         "title": known.name.replace("_", " "),
         "summary": " ".join(known.description.split()),
         "nominal_s": sum(profile.duration_s for profile in profiles),
-        "curve": curve(load_profile(path.parent / known.profile)),
+        "curve": curve(*profiles),
         "kind": "imu" if known.imu else "rate" if any(leg.turn_dps for leg in legs) else "temperature",
         "attitudes": len({leg.attitude for leg in legs if leg.attitude}),
         "certificate": known.certificate,
@@ -198,14 +201,15 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
     told = {
         "units": [order.serial],
         "duration_s": sum(profile.duration_s for profile in profiles),
-        "curve": curve(load_profile(order.document(order.plan.profile))),
+        "curve": curve(*profiles),
         "segments": [],
         "begun": None if job is None else {"job": f"{job.folder.parent.name}/{job.folder.name}", "state": job.state},
     }
     try:
         warnings = check_order(order)
     except BenchError as error:
-        found = [{"level": "error", "text": text, "line": None} for text in str(error).splitlines()]
+        said = within(Path(wanted["project"]), str(error))
+        found = [{"level": "error", "text": text, "line": None} for text in said.splitlines()]
         return {**told, "ok": False, "findings": found}
     return {**told, "ok": True, "findings": [{"level": "warning", "text": text, "line": None} for text in warnings]}
 

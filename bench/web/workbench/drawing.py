@@ -295,7 +295,7 @@ def _axes_of_all(drawing: Drawing) -> Figure:
         raise InputError("nothing was captured in this range of temperature and time")
     what = said("residual", model=drawing.name) if drawing.model else said("bias")
     caption = said("axes_all", what=what, over={"label": x.title}, spans=spans)
-    title = "residual [deg/h]" if drawing.model else "bias [deg/h], minus its mean over the common range"
+    title = "residual [deg/h]" if drawing.model else "bias [deg/h], minus its mean"
     return captioned(overlaid(values, x.title, title), [caption, floor_said(drawing.floor_dph())])
 
 

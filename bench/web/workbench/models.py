@@ -10,13 +10,14 @@ from pydantic import BaseModel, Field
 
 from bench.analysis import FUNCTIONS, MODELS, Expression, catalogue, load_model, model_files, variables
 from bench.base import InputError, library
-from bench.record import slug, write_atomically
+from bench.record import channels_in, slug, write_atomically
 from bench.web.ground.problems import row
 from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import jobs_of
 from bench.web.people.access import Engineer
 from bench.web.plans.catalog import is_text
-from bench.web.workbench.asking import ModelJson, model_json
+from bench.web.shelf.indexing import resolved
+from bench.web.workbench.asking import MOST_RUNS, ModelJson, RunId, model_json
 
 router = APIRouter(tags=["workbench"])
 
@@ -94,6 +95,8 @@ class FormulaRequest(BaseModel):
 
     expression: str = Field(max_length=2000)
     bounds: dict[str, tuple[float, float]] = {}
+    runs: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
+    """Runs that it will be fitted to: each must have its channels."""
 
 
 class FormulaAnswer(BaseModel):
@@ -157,10 +160,15 @@ def effects() -> Effects:
 
 
 @router.post("/effects/formula")
-def formula(body: FormulaRequest) -> FormulaAnswer:
+def formula(request: Request, body: FormulaRequest) -> FormulaAnswer:
     """Check a term while it is typed; nothing is computed."""
     try:
         term = Expression(body.expression, body.bounds)
+        for run in resolved(request, body.runs):
+            has = channels_in(Path(run["path"]))
+            for channel in sorted({*term.needs} - has):
+                known = ", ".join(name for name in variables() if name in has)
+                raise InputError(f"{run['run']} has no channel '{channel}': choose one of {known}")
     except InputError as error:
         return FormulaAnswer(ok=False, detail=str(error).removeprefix("expression: "))
     parsed, bounds = term.parsed, {name: list(pair) for name, pair in body.bounds.items()}

@@ -69,7 +69,8 @@ export class Drawn {
     this.figure = null;
     this.zoom = {};
     this.listening = false;
-    this.watcher = new ResizeObserver(() => this.figure && Plotly?.Plots.resize(place));
+    // Plotly.Plots.resize alone would leave the legend at its place for the size before, over the curves.
+    this.watcher = new ResizeObserver(() => this.listening && this.figure && Plotly.Plots.resize(place).then(() => this.paint()));
     this.watcher.observe(place);
     this.stop = onTheme(() => this.figure && this.paint());
   }

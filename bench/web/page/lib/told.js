@@ -33,6 +33,8 @@ function plain(text, column) {
 function found(text, column) {
   const own = plain(text, column);
   if (own !== null) return own;
+  const bare = text.length > 1 && text.endsWith(".") ? tell(text.slice(0, -1), column) : null;
+  if (bare !== null) return bare + rules.stop[column];
   for (const { regex, own: words } of sentences) {
     const match = text.match(regex);
     if (match) return words[column].replace(/\{(\w+)\}/g, (_, name) => tell(match.groups[name], column) ?? match.groups[name]);
@@ -42,10 +44,6 @@ function found(text, column) {
     const parts = text.split(joint);
     const pieces = parts.map((part) => tell(part, column));
     if (pieces.some((one) => one !== null)) return pieces.map((one, i) => one ?? parts[i]).join(joined[column]);
-  }
-  if (text.length > 1 && text.endsWith(".")) {
-    const bare = tell(text.slice(0, -1), column);
-    return bare === null ? null : bare + rules.stop[column];
   }
   return null;
 }

@@ -70,6 +70,13 @@ export function channelWord(name) {
   return or(`import.channel.${name}`, family ? `${channelWord(family)} ${end}` : name.replaceAll("_", " "));
 }
 
+/** Name of a quantity that is measured or judged. */
+export const quantityWord = (name) => or(`units.q.${name}`, name.replaceAll("_", " "));
+
+/** A unit (deg/h/degC) with the symbols of the language; nothing for a plain number. */
+export const symbols = (unit) =>
+  unit === "1" ? "" : or(`symbol.${unit}`, (unit ?? "").replace(/sqrt\((\w+)\)/g, "√$1").replace(/[A-Za-z]+/g, (one) => or(`symbol.${one}`, one)));
+
 const formatters = new Map();
 
 /** A number format of the language in use, made once: a live page writes hundreds of numbers per second. */

@@ -4,10 +4,10 @@ import { post, query, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { number, t } from "../lib/words.js";
+import { number, quantityWord, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { effectWord } from "./workbench/effects.js";
-import { day, NoRegistry, quantity, sig, Tile, unitText, useGet } from "./stock/parts.js";
+import { day, NoRegistry, sig, Tile, useGet } from "./stock/parts.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
 const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [", ", item] : [item])).concat(items.length > most ? [` ${t("fleet.more", { n: items.length - most })}`] : []);
@@ -19,12 +19,12 @@ function Attention({ fleet }) {
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${t("fleet.quiet")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
-    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantity))}`}`],
+    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantityWord))}`}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations)}`],
     shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")} ${listed(shifted)}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots)}`],
     odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],
-    beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantity))}`],
+    beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantityWord))}`],
   ].filter(Boolean);
   return html`<section class=${`notice ${outside ? "bad" : "warn"}`} aria-label=${t("fleet.attention")}>
     <ul class="st-attention">${lines.map(([tone, words]) => html`<li key=${tone + lines.length}><${Lamp} tone=${tone}>${words}<//></li>`)}</ul></section>`;
@@ -37,7 +37,7 @@ function Headline({ fleet }) {
   return html`<div class="st-tiles">
     <${Tile} what=${t("fleet.yield")} value=${passes.judged ? number(100 * passes.first_pass, 1) : "–"} unit="%" tone=${passes.judged ? (passes.final < passes.judged ? "warn" : "good") : undefined}
       more=${passes.judged ? t("fleet.yield_more", { first: passes.first, judged: passes.judged, low: percent(passes.interval[0]), high: percent(passes.interval[1]) }) : t("fleet.unjudged")} />
-    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantity(worst.name) : t("fleet.no_limits")} />
+    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantityWord(worst.name) : t("fleet.no_limits")} />
     <${Tile} what=${t("units.title")} value=${number(fleet.units, 0)} more=${t("fleet.units_more", { lots: fleet.lots, stations: fleet.stations })} />
     <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since_day", { day: day(fleet.first) })} />
   </div>`;
@@ -54,8 +54,8 @@ function Capability({ fleet, chosen, choose }) {
       const able = one.capability;
       const limits = [one.lower !== null && `≥ ${sig(one.lower)}`, one.upper !== null && `≤ ${sig(one.upper)}`].filter(Boolean).join(", ");
       return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
-        <th scope="row">${one.signals === null ? quantity(one.name) : html`<button type="button" aria-pressed=${one.name === chosen} onClick=${() => choose(one.name)}>${quantity(one.name)}</button>`}
-          <span class="soft small"> ${unitText(one.unit)}</span></th>
+        <th scope="row">${one.signals === null ? quantityWord(one.name) : html`<button type="button" aria-pressed=${one.name === chosen} onClick=${() => choose(one.name)}>${quantityWord(one.name)}</button>`}
+          <span class="soft small"> ${symbols(one.unit)}</span></th>
         <td class="n">${one.units}</td>
         <td class="n">${one.signals === null ? "–" : one.signals ? html`<${Lamp} tone="warn">${one.signals}<//>` : "0"}</td>
         <td class="n">${sig(one.mean)}</td><td class="n">${limits || "–"}</td>
@@ -70,7 +70,7 @@ function Control({ name, params, anchor }) {
   const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(params));
   const pick = (x) => data && navigate(`/verdict/${data.runs[Math.round(x) - 1].split("/").map(encodeURIComponent).join("/")}`);
   const distances = name === "distances";
-  const title = distances ? t("fleet.distances") : quantity(name);
+  const title = distances ? t("fleet.distances") : quantityWord(name);
   const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
   return html`<section class="stack" ref=${anchor} aria-label=${title}><h3>${title}</h3>
     <${Trouble} error=${error} retry=${again} />
@@ -91,8 +91,8 @@ function Failures({ fleet }) {
   let sum = 0;
   return html`<ol class="st-pareto">${failing.map((one) => {
     sum += one.capability.outside;
-    return html`<li key=${one.name}><span>${quantity(one.name)}</span>
-      <meter min="0" max=${failing[0].capability.outside} value=${one.capability.outside} aria-label=${quantity(one.name)}></meter>
+    return html`<li key=${one.name}><span>${quantityWord(one.name)}</span>
+      <meter min="0" max=${failing[0].capability.outside} value=${one.capability.outside} aria-label=${quantityWord(one.name)}></meter>
       <b class="figures">${one.capability.outside}</b><span class="soft figures">${percent(sum / all)}</span></li>`;
   })}</ol><p class="soft small">${t("fleet.failures_note")}</p>`;
 }
@@ -102,8 +102,8 @@ function Drifts({ fleet }) {
   if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")} <span class="soft">${tested}</span></p>`;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col" class="n">p</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
-    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.place}</th><td>${quantity(one.quantity)}</td>
-      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${unitText(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
+    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.place}</th><td>${quantityWord(one.quantity)}</td>
+      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${symbols(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
       <td class="n">${one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2)}</td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.drift_note")} ${tested}</p>`;
 }
@@ -112,8 +112,8 @@ function Shifts({ fleet }) {
   if (!fleet.shifts.length) return null;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.kind.station")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col">${t("units.serial")}</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
-    <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row">${one.place}</th><td>${quantity(one.quantity)}</td>
-      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} <span class="soft">${unitText(one.unit_of_value)}</span></td>
+    <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row">${one.place}</th><td>${quantityWord(one.quantity)}</td>
+      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} <span class="soft">${symbols(one.unit_of_value)}</span></td>
       <td>${unitLink(one.since)} <span class="soft">${t("fleet.since", { day: one.since_created.slice(0, 10) })}</span></td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.shift_note", { share: number(100 * fleet.station_charts.false_alarm, 0) })}</p>`;
 }
@@ -124,7 +124,7 @@ function Odd({ fleet }) {
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("units.lot")}</th>
       <th scope="col" class="n">${t("fleet.distance")}</th><th scope="col">${t("fleet.leading")}</th></tr></thead>
     <tbody>${fleet.unlike.map((one) => html`<tr key=${one.unit}><th scope="row">${unitLink(one.unit)}</th><td>${one.lot}</td><td class="n">${sig(one.distance)}</td>
-      <td>${quantity(one.quantity)} <span class="soft">${one.sigmas > 0 ? "+" : ""}${sig(one.sigmas, 2)} σ</span></td></tr>`)}</tbody></table></div>`;
+      <td>${quantityWord(one.quantity)} <span class="soft">${one.sigmas > 0 ? "+" : ""}${sig(one.sigmas, 2)} σ</span></td></tr>`)}</tbody></table></div>`;
 }
 
 const WORDS = ["adequate", "undecided", "unknown_effect"];

@@ -4,9 +4,9 @@ import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { channelWord, duration, number, t } from "../lib/words.js";
+import { channelWord, duration, number, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { sig, unitText, useGet } from "./stock/parts.js";
+import { sig, useGet } from "./stock/parts.js";
 
 const CAN_LOGS = /\.(blf|asc|log|trc)$/i;
 const UNIT = /^[A-Za-z0-9_+][A-Za-z0-9._+-]*$/;
@@ -80,7 +80,7 @@ function Channel({ kind, seen, columns, choice, change }) {
       ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
     <td><input list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onChange=${(event) => change({ ...choice, unit: event.target.value.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
-    <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${unitText(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
+    <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
     <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => sig(value, 4)).join(", ") : ""}</td></tr>`;
 }
 

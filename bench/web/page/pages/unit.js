@@ -2,9 +2,9 @@
 import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
-import { duration, moment, number, t } from "../lib/words.js";
+import { duration, moment, number, quantityWord, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { day, Outcome, quantity, sig, Spark, Tile, unitText, useGet, Verdict } from "./stock/parts.js";
+import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
 const RAIL = [-60, 120];
 const STATUS_TONES = { in_unit: "good", newest: "link", superseded: "idle", not_passed: "bad" };
@@ -72,17 +72,17 @@ function Trends({ unit }) {
   const one = unit.trends.find((trend) => trend.name === chosen);
   const { data, error, again } = useGet(one ? url`/units/${unit.serial}/trends/${chosen}` : null);
   if (!one) return html`<p class="soft">${t("units.trends.none")}</p>`;
-  const words = t("units.trends.words", { name: quantity(one.name), n: one.points.length, last: `${sig(one.last)} ${unitText(one.unit)}` });
+  const words = t("units.trends.words", { name: quantityWord(one.name), n: one.points.length, last: `${sig(one.last)} ${symbols(one.unit)}` });
   return html`<div class="st-two">
     <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
       <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
       <tbody>${unit.trends.map((trend) => html`<tr key=${trend.name} aria-current=${trend.name === chosen ? "true" : undefined}>
-        <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantity(trend.name)}</button></th>
+        <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantityWord(trend.name)}</button></th>
         <td><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
-        <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${unitText(trend.unit)}</span></td>
+        <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${symbols(trend.unit)}</span></td>
         <td class="n">${[trend.lower !== null && `≥ ${sig(trend.lower)}`, trend.upper !== null && `≤ ${sig(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
       </tr>`)}</tbody></table></div>
-    <div><h3>${quantity(one.name)}</h3>
+    <div><h3>${quantityWord(one.name)}</h3>
       <${Trouble} error=${error} retry=${again} />
       ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`${unit.serial} ${one.name}`} height=${330} />` : !error && html`<${Busy} />`}</div>
   </div>`;
@@ -110,12 +110,12 @@ function Summary({ unit }) {
   const counts = unit.calibrations.find((one) => one.status === "in_unit") ?? unit.calibrations.find((one) => one.usable);
   const error = unit.trends.find((trend) => trend.name === "residual_rms_dph");
   const last = unit.runs[0];
-  const change = error && (error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${unitText(error.unit)}` }));
+  const change = error && (error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${symbols(error.unit)}` }));
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
       more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}, ${runOf(counts)}` : t("units.tile.no_calibration")} />
     <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runOf(counts)].filter(Boolean).join(", ")} />
-    ${error && html`<${Tile} what=${quantity("residual_rms_dph")} value=${sig(error.last)} unit=${unitText(error.unit)} tone=${error.outside ? "bad" : undefined}
+    ${error && html`<${Tile} what=${quantityWord("residual_rms_dph")} value=${sig(error.last)} unit=${symbols(error.unit)} tone=${error.outside ? "bad" : undefined}
       more=${`${runOf(error.points[error.points.length - 1])}; ${change}`} />`}
     <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;

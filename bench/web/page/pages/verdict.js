@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { number, or, t } from "../lib/words.js";
+import { number, or, quantityWord, symbols, t } from "../lib/words.js";
 import { planName } from "./live/words.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
@@ -136,9 +136,9 @@ function Judged({ result }) {
   const { name, value, unit, lower, upper, reason, verdict } = result;
   const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
   const sides = [lower !== null && `≥ ${number(lower)}`, upper !== null && `≤ ${number(upper)}`].filter(Boolean).join(", ");
-  return html`<tr><th scope="row">${or(`quantity.${name}`, name.replaceAll("_", " "))}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
+  return html`<tr><th scope="row">${quantityWord(name)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
     <td class="n figures">${number(value)}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
-    <td>${unit === "1" ? "" : unit.replace("deg/h", t("unit.dph"))}</td>
+    <td>${symbols(unit)}</td>
     <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
 }
 

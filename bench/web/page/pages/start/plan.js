@@ -45,6 +45,6 @@ function PlanCard({ plan, choose }) {
     <strong>${planTitle(plan)}</strong>
     <${Curve} curve=${plan.curve} />
     <span class="facts figures"><b>${duration(plan.nominal_s)}</b><span>${low === high ? degrees(low, 0) : `${number(low, 0)} … ${degrees(high, 0)}`}</span></span>
-    <span class="purpose soft">${planPurpose(plan)}</span>
+    <span class="purpose soft"><${Said} text=${planPurpose(plan)} /></span>
   </button>`;
 }

@@ -3,6 +3,7 @@ import { html, useEffect, useLayoutEffect, useRef, useState } from "../../lib/pr
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
+import { spokenTitles } from "../workbench/spoken.js";
 
 /** Columns of the traces of a figure as rows for a CSV. */
 function rowsOf(figure) {
@@ -24,7 +25,7 @@ export function Chart({ figure, words, name, height = 380, onPick }) {
   }, []);
   useEffect(() => {
     const listening = drawn.current.listening;
-    drawn.current.show(figure).then(
+    drawn.current.show(spokenTitles(figure)).then(
       () => !listening && place.current?.on?.("plotly_click", (event) => pick.current?.(event.points[0].x)),
       setTrouble,
     );

@@ -43,12 +43,6 @@ export function sig(value, digits = 3) {
   return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
 }
 
-/** A unit in print. */
-export const unitText = (unit) => (unit === "1" ? "" : (unit ?? "").replaceAll("degC", "°C").replaceAll("sqrt(h)", "√h"));
-
-/** Name of a quantity; unchanged if it is not in the catalogue. */
-export const quantity = (name) => or(`units.q.${name}`, name);
-
 /** A day (ISO 8601) in this language. */
 export function day(iso) {
   const date = new Date(iso);

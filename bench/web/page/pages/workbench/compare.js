@@ -5,6 +5,7 @@ import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 import { Said } from "../../lib/said.js";
+import { quantityWord, symbols } from "../../lib/words.js";
 
 const MOST_ROWS = 40;
 const PARTS = () => ({
@@ -37,6 +38,13 @@ function cell(value) {
 
 const plainOf = (value) => (value && typeof value === "object" ? value.value ?? JSON.stringify(value) : value);
 
+/** Columns of the tables; of the others the header is their key. */
+const HEADS = () => ({
+  quantity: t("verdict.head.quantity"), unit: t("verdict.head.unit"), a: "A", b: "B", apart: t("workbench.compare.apart"), key: t("workbench.compare.coefficients"),
+  a_std: "A σ", b_std: "B σ", segment: t("workbench.compare.segment"), where: t("workbench.compare.where"), counter: t("workbench.compare.losses"),
+});
+const NAMES = { quantity: quantityWord, unit: symbols };
+
 /** A part of the answer as rows; for an object that contains a list, that list. */
 function rowsOf(part) {
   if (Array.isArray(part)) return part.map((row) => (row && typeof row === "object" ? row : { value: row }));
@@ -48,12 +56,14 @@ function Table({ part, caption, name, open }) {
   const rows = rowsOf(part);
   if (!rows.length && !part?.reason) return null;
   const keys = [...new Set(rows.flatMap((row) => Object.keys(row)))];
+  const shown = keys.filter((key) => key !== "meaning");
+  const heads = HEADS();
   const csv = [keys, ...rows.map((row) => keys.map((key) => plainOf(row[key])))];
   return html`<details class="wb-card wb-table" open=${open}>
     <summary><h3>${caption}</h3> <span class="wb-soft">${rows.length || "–"}</span></summary>
     ${part?.reason && html`<p class="wb-soft"><${Said} text=${part.reason} /></p>`}
-    ${rows.length > 0 && html`<div class="wb-scroll" tabindex="0" role="region" aria-label=${caption}><table><thead><tr>${keys.map((key) => html`<th key=${key} scope="col">${key.replaceAll("_", " ")}</th>`)}</tr></thead>
-      <tbody>${rows.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i}>${keys.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${cell(row[key])}</td>`)}</tr>`)}</tbody></table></div>`}
+    ${rows.length > 0 && html`<div class="wb-scroll" tabindex="0" role="region" aria-label=${caption}><table><thead><tr>${shown.map((key) => html`<th key=${key} scope="col">${heads[key] ?? key}</th>`)}</tr></thead>
+      <tbody>${rows.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i} title=${row.meaning}>${shown.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${NAMES[key]?.(row[key]) ?? cell(row[key])}</td>`)}</tr>`)}</tbody></table></div>`}
     ${rows.length > MOST_ROWS && html`<p class="wb-soft">${t("workbench.compare.more", { count: String(rows.length - MOST_ROWS) })}</p>`}
     ${rows.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => saveCsv(name, csv)}>CSV</button></p>`}
   </details>`;

@@ -1,7 +1,6 @@
 // The next experiment: why the runs so far cannot decide, the proposed temperature curve, and a link to start it.
-import { html, t, api, duration, useEffect, useState } from "./parts.js";
+import { html, t, api, duration, usePalette } from "./parts.js";
 import { reasons, rival } from "./sentence.js";
-import { palette, onTheme } from "../../lib/figure.js";
 
 const WIDTH = 420;
 const HEIGHT = 150;
@@ -9,10 +8,8 @@ const EDGE = { left: 38, right: 10, top: 10, bottom: 26 };
 
 /** Temperature over time, `curve` [[t_s, degc]...]. */
 export function Curve({ curve, label }) {
-  const [, repaint] = useState(0);
-  useEffect(() => onTheme(() => repaint((n) => n + 1)), []);
+  const colours = usePalette();
   if (!curve?.length) return null;
-  const colours = palette();
   const times = curve.map(([time]) => time);
   const temperatures = curve.map(([, degc]) => degc);
   const [low, high] = [Math.min(...temperatures), Math.max(...temperatures)];

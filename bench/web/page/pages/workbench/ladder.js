@@ -1,5 +1,5 @@
 // The ladder: error of each model so far, in-sample and held-out, and the noise floor. A new rung is animated.
-import { html, t, useEffect, useRef, useState, number } from "./parts.js";
+import { html, t, useEffect, usePalette, useRef, useState, number } from "./parts.js";
 import { labelled } from "./spoken.js";
 import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
@@ -57,7 +57,7 @@ function gridStep(top) {
 const short = (name, room) => (name.length > room ? `${name.slice(0, room - 1)}…` : name);
 
 function Drawing({ rungs, shown, floor, refer }) {
-  const colours = palette();
+  const colours = usePalette();
   const all = rungs.flatMap((rung) => [rung.inSample, rung.heldOut]).filter((value) => value !== null);
   const top = 1.08 * Math.max(...all, floor ?? 0, 1e-9);
   const step = gridStep(top);

@@ -101,8 +101,11 @@ function Bench({ session }) {
   useEffect(() => analysis.failed && same(model, START_MODEL) && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
   const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model });
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
-  const picked = pictureOf(diagnosis.result, session.picture);
   const [standing, pictures] = [useRef(null), useRef(null)];
+  // What is wrong with a model is told beside its errors, and not again by the diagnosis and the figure.
+  const once = (failed) => (failed === analysis.failed ? "" : failed);
+  useEffect(() => analysis.failed && show(standing), [analysis.failed]);
+  const picked = pictureOf(diagnosis.result, session.picture);
   const add = (found) => {
     act({ type: "add", effects: found.add });
     show(standing);
@@ -115,13 +118,13 @@ function Bench({ session }) {
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
       <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
-        <${Suspects} found=${diagnosis.result} failed=${open ? analysis.failed : diagnosis.failed} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
+        <${Suspects} found=${diagnosis.result} failed=${once(diagnosis.failed)} running=${diagnosis.running || (open && analysis.running)} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
       </section>
       <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
       <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} runs=${runs} />
       <${Notes} key=${runs.runs[0]} run=${runs.runs[0]} address=${session.address} />
     </div>
-    <div class="wb-main" ref=${pictures}><${Pictures} session=${session} picked=${picked} /></div>
+    <div class="wb-main" ref=${pictures}><${Pictures} session=${session} picked=${picked} once=${once} /></div>
   </div>`;
 }
 

@@ -111,8 +111,8 @@ export function ModelPanel({ model, fitted, steps, busy, act, runs }) {
       ${model.effects.length > 1 && html`<button type="button" class="wb-x" disabled=${busy} aria-label=${t("workbench.model.remove", { effect: effectWord(effect.effect) })}
         onClick=${() => act({ type: "remove", index: i })}>×</button>`}
     </li>`)}</ol>
-    <${OwnTerm} busy=${busy} onAdd=${(effect) => act({ type: "add", effects: [effect] })} />
+    <${OwnTerm} busy=${busy} runs=${[...runs.runs, ...runs.check]} onAdd=${(effect) => act({ type: "add", effects: [effect] })} />
     <${Save} model=${model} onSaved=${again} />
-    ${runs && html`<${Notebook} runs=${runs} steps=${steps} model=${model} />`}
+    <${Notebook} runs=${runs} steps=${steps} model=${model} />
   </section>`;
 }

@@ -1,8 +1,9 @@
 // Shared by all parts of the workbench: preact, words, the API, formatted numbers.
 export { html, useEffect, useLayoutEffect, useMemo, useReducer, useRef, useState } from "../../lib/preact.js";
-import { duration, language, moment, number as plain, or, t } from "../../lib/words.js";
-import { symbols } from "./spoken.js";
+import { duration, language, moment, number as plain, or, symbols, t } from "../../lib/words.js";
 import * as api from "../../lib/api.js";
+import { onTheme, palette } from "../../lib/figure.js";
+import { useEffect, useState } from "../../lib/preact.js";
 export { api, duration, moment, or, t };
 
 /** A number with a few significant digits, or a dash without one. */
@@ -19,6 +20,13 @@ export function measured({ value, std, unit }) {
   const digits = Math.max(0, 1 - Math.floor(Math.log10(std)));
   const written = digits > 6 ? [value.toExponential(2), std.toExponential(1)] : [plain(value, digits), plain(std, digits)];
   return `${written[0].replace("-", "−")} ± ${written[1]} ${symbols(unit)}`.trim();
+}
+
+/** Colours of the page, taken again when it turns light or dark. */
+export function usePalette() {
+  const [, repaint] = useState(0);
+  useEffect(() => onTheme(() => repaint((n) => n + 1)), []);
+  return palette();
 }
 
 /** Folder of a run without its time stamp. */

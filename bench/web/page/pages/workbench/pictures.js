@@ -4,7 +4,8 @@ import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { caption, spoken, symbols } from "./spoken.js";
+import { symbols } from "../../lib/words.js";
+import { caption, spoken } from "./spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { Said } from "../../lib/said.js";
 
@@ -129,8 +130,8 @@ function Choices({ session, kind, of, axes }) {
   </div>`;
 }
 
-/** Figures of the session's runs under its model; `picked` {id, title, answer} is a figure of the diagnosis that replaces them. */
-export function Pictures({ session, picked }) {
+/** Figures of the session's runs under its model; `picked` {id, title, answer} is a figure of the diagnosis that replaces them; `once` drops a message told elsewhere. */
+export function Pictures({ session, picked, once }) {
   const { runs, model, before, over, left, zoom, act } = session;
   const kind = KINDS.includes(session.figure) ? session.figure : KINDS[0];
   const frame = useRef(null);
@@ -178,7 +179,7 @@ export function Pictures({ session, picked }) {
       <${Tabs} kinds=${picked ? [...KINDS, "picked"] : KINDS} words=${words} kind=${shown} onKind=${(next) => next !== "picked" && act({ type: "view", view: { figure: next } })} />
       ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
-      ${job.failed && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
+      ${once(job.failed) && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
       ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <${Said} text=${answer.note} /></p>`}
       ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}

@@ -1,8 +1,8 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
-import { channelWord, or, t } from "../../lib/words.js";
+import { channelWord, or, symbols, t } from "../../lib/words.js";
 import { effectWord } from "./effects.js";
 import { measured, number } from "./parts.js";
-import { labelled, symbols } from "./spoken.js";
+import { labelled } from "./spoken.js";
 
 /** Name of a fitted parameter of an effect, as people read it. */
 export const parameterWord = (name) => or(`workbench.parameter.${name}`, name.replaceAll("_", " "));
@@ -81,10 +81,10 @@ export function reasons(next) {
 export function sentences(found) {
   const sizes = { rms: number(found.rms_dph), floor: number(found.floor_dph) };
   if (found.verdict === "adequate")
-    return [found.floor_dph === null ? t("workbench.say.adequate_no_floor", sizes) : t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
+    return [t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
   if (found.verdict === "missing_effect") return missing(found);
   if (found.verdict === "undecided")
     return found.suspects.some((one) => one.found) ? missing(found)
-      : [t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
+      : [...(found.floor_dph === null ? [t("workbench.caption.no_floor")] : []), t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
   return unknown(found);
 }

@@ -1,12 +1,8 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
-import { known, language, t } from "../../lib/words.js";
+import { known, language, quantityWord, symbols, t } from "../../lib/words.js";
 import { effectWord } from "./effects.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
-
-/** A unit (deg/h/degC) with the symbols of the language. */
-export const symbols = (unit) =>
-  known(`symbol.${unit}`) ? t(`symbol.${unit}`) : (unit ?? "").replace(/[A-Za-z]+/g, (one) => (known(`symbol.${one}`) ? t(`symbol.${one}`) : one));
 
 const separators = () => {
   const parts = new Intl.NumberFormat(language.get()).formatToParts(12345.6);
@@ -57,7 +53,7 @@ function hovered(axis, side) {
   return `${name ? `${labelled(name)} ` : ""}${value}${unit ? ` ${symbols(unit)}` : ""}`;
 }
 
-const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : labelled(name));
+const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : labelled(name));
 
 function spokenTrace(trace, layout) {
   const axes = { x: layout[`xaxis${(trace.xaxis ?? "x").slice(1)}`], y: layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`] };
@@ -70,14 +66,23 @@ function spokenTrace(trace, layout) {
   return next;
 }
 
-/** A figure {data, layout} in the language of the page. */
-export function spoken({ data, layout }) {
+/** Ticks of a date, the same in every language; plotly's own have English months. */
+const DATES = [{ dtickrange: [null, 6e4], value: "%H:%M:%S\n%Y-%m-%d" }, { dtickrange: [6e4, 864e5], value: "%H:%M\n%Y-%m-%d" }, { dtickrange: [864e5, null], value: "%Y-%m-%d" }];
+
+/** A figure with titles, legend and labels in the language of the page. */
+export const spokenTitles = ({ data, layout }) => ({ data: data.map((trace) => ({ ...trace, name: nameOf(trace) })), layout: spokenLayout(layout) });
+
+function spokenLayout(layout) {
   const { decimal, group } = separators();
   const said = { ...layout, separators: decimal + group, hoverlabel: { ...layout.hoverlabel, namelength: -1 } };
   for (const key of Object.keys(layout).filter((name) => /^[xy]axis\d*$/.test(name))) {
     said[key] = titled(layout[key]);
+    if (layout[key].type === "date") said[key] = { ...said[key], tickformatstops: DATES };
     if (layout[key].ticktext) said[key] = { ...said[key], ticktext: layout[key].ticktext.map((text) => text.replace(".", decimal)) };
   }
   if (layout.annotations) said.annotations = layout.annotations.map((one) => ({ ...one, text: labelled(one.text) }));
-  return { data: data.map((trace) => spokenTrace(trace, layout)), layout: said };
+  return said;
 }
+
+/** The same with what is said below the mouse. */
+export const spoken = ({ data, layout }) => ({ data: data.map((trace) => spokenTrace(trace, layout)), layout: spokenLayout(layout) });

@@ -2,7 +2,7 @@
 import { html, or, t, useState, measured, number } from "./parts.js";
 import { effectWord } from "./effects.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
-import { symbols } from "./spoken.js";
+import { symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 
 const SHOWN = 4;
@@ -128,11 +128,11 @@ function Where({ places }) {
   </ul></details>`;
 }
 
-/** `found`: content of `bench diagnose`, or null while it is computed; `failed`: its message. */
-export function Suspects({ found, failed, busy, picked, onAdd, onPicture }) {
+/** `found`: content of `bench diagnose`, or null while it is `running`; `failed`: its message. */
+export function Suspects({ found, failed, running, busy, picked, onAdd, onPicture }) {
   const [all, setAll] = useState(false);
   if (failed) return html`<p class="wb-bad" role="alert"><${Said} text=${failed} /></p>`;
-  if (!found) return html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
+  if (!found) return running && html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
   const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
   const [first, ...rest] = sentences(found);
   const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));

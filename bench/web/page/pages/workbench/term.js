@@ -6,15 +6,15 @@ import { Said } from "../../lib/said.js";
 const PAUSE_MS = 250;
 
 /** Answer of POST /effects/formula for the content of the field; null while it is empty or being checked. */
-function useCheck(expression, bounds) {
+function useCheck(expression, bounds, runs) {
   const [answer, setAnswer] = useState(null);
-  const request = JSON.stringify([expression, bounds]);
+  const request = JSON.stringify({ expression, bounds, runs });
   useEffect(() => {
     setAnswer(null);
     if (!expression.trim()) return undefined;
     let active = true;
     const timer = setTimeout(() => {
-      api.post("/effects/formula", Object.keys(bounds).length ? { expression, bounds } : { expression }).then(
+      api.post("/effects/formula", { expression, bounds, runs }).then(
         (found) => active && setAnswer(found),
         (error) => active && setAnswer({ ok: false, detail: error.message, parameters: [] }),
       );
@@ -35,14 +35,14 @@ function Bounds({ name, value, onChange }) {
   </fieldset>`;
 }
 
-/** `onAdd(effect)` gets {effect: "expression", formula, bounds}. */
-export function OwnTerm({ busy, onAdd }) {
+/** `runs` are the ids of those that it is fitted to; `onAdd(effect)` gets {effect: "expression", formula, bounds}. */
+export function OwnTerm({ busy, runs, onAdd }) {
   const [expression, setExpression] = useState("");
   const [typed, setTyped] = useState({});
   const inside = [...new Set([...expression.matchAll(/\b(?:lag|play)\([^()]*(?:\([^()]*\))?[^()]*,\s*([A-Za-z_]\w*)\s*\)/g)].map((found) => found[1]))];
   const bounds = Object.fromEntries(inside.filter((name) => (typed[name] ?? ["10", "3600"]).every((end) => Number.isFinite(numberOf(end))))
     .map((name) => [name, (typed[name] ?? ["10", "3600"]).map(numberOf)]));
-  const answer = useCheck(expression, bounds);
+  const answer = useCheck(expression, bounds, runs);
   const wrong = answer && !answer.ok;
   const add = (event) => {
     event.preventDefault();
