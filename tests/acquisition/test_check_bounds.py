@@ -3,14 +3,13 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.run import rehearsal
 from bench.acquisition.run.rehearsal import rehearse
-from bench.cli import main
 from drivers.sim.plant import Plant
 from tests.support import acquisition
+from tests.support.commands import bench
 
 SOAK = (
     "name: p\nsegments:\n  - {{kind: soak, duration_min: {}}}\n  - {{kind: ramp, to_degc: 25, rate_degc_per_min: 2}}\n"
@@ -29,8 +28,7 @@ BO_ 100 AGAIN: 8 Gyro
 def check(tmp_path, profile, **station):
     (tmp_path / "profile.yaml").write_text(profile)
     (tmp_path / "station.yaml").write_text(json.dumps(acquisition.station_content(**station)))
-    arguments = ["check", str(tmp_path / "profile.yaml"), "--station", str(tmp_path / "station.yaml")]
-    return CliRunner().invoke(main, arguments, catch_exceptions=False)
+    return bench("check", tmp_path / "profile.yaml", "--station", tmp_path / "station.yaml")
 
 
 @pytest.mark.slow

@@ -8,14 +8,13 @@ import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.importer import confines
 from bench.acquisition.importer.confines import FOR_A_RUN, FOR_EACH_BYTE, LEAST_BYTES, Confines, memory_for
 from bench.acquisition.importer.reading import read_confined
 from bench.acquisition.importer.tables import read_table
 from bench.base import InputError
-from bench.cli import main
+from tests.support.commands import bench
 
 MEMORY = 700 * 10**6
 """Twice what the programs take that read."""
@@ -109,11 +108,11 @@ def test_the_command_says_it_in_one_line_and_more_memory_may_be_allowed(tmp_path
     rows = 8_000_000
     columns = {name: pa.array(np.zeros(rows)) for name in ("rate", "temperature")}
     pq.write_table(pa.table({**columns, "time": pa.array(np.arange(rows, dtype=np.uint32))}), path, row_group_size=rows)
-    tight = CliRunner().invoke(main, ["import", str(path), "--preview", "--memory", "0.5"])
+    tight = bench("import", path, "--preview", "--memory", "0.5")
     assert tight.exit_code == 2
     assert tight.stderr.count("\n") == 1
     assert "--memory GB" in tight.stderr
-    assert CliRunner().invoke(main, ["import", str(path), "--preview", "--memory", "3"]).exit_code == 0
+    assert bench("import", path, "--preview", "--memory", "3").exit_code == 0
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.acquisition.recording import parts
@@ -22,11 +21,11 @@ from bench.acquisition.run.continuation import RESUMED, SIMULATED_GAP_S, plan, r
 from bench.acquisition.run.runner import Job, run_job
 from bench.acquisition.station.safety import HOME
 from bench.base.errors import InputError
-from bench.cli import main
 from bench.record import ExecutedSegment, RunFolder, open_run
 from bench.record.samples import read_samples
 from drivers.samples import SampleClock
 from tests.support import acquisition
+from tests.support.commands import bench
 
 PROFILE = """\
 name: there and back
@@ -151,7 +150,7 @@ def test_a_run_in_parts_can_be_assembled_again_and_stays_the_same(cut_ramp):
 
 def test_a_finished_run_is_refused(cut_ramp):
     _, run = cut_ramp
-    answer = CliRunner().invoke(main, ["resume", str(run.path)])
+    answer = bench("resume", run.path)
     assert answer.exit_code == 2
     assert answer.stderr.splitlines() == [
         f"bench: {run.path}: this run went to its end: nothing to resume; `bench report` analyses it again"
@@ -220,7 +219,7 @@ def test_the_command_recovers_goes_on_and_reports(tmp_path):
     (path / remote.LIVE).write_text(json.dumps(
         {"pid": 1, "port": 1, "start": "", "journals": [], "token": "t"}  # what a killed bench leaves behind
     ))  # fmt: skip
-    answer = CliRunner().invoke(main, ["resume", str(path), "--json", "--quiet"], catch_exceptions=False)
+    answer = bench("resume", path, "--json", "--quiet")
     assert answer.exit_code in {0, 1}, answer.stderr
     content = json.loads(answer.stdout)
     assert content["state"] == "done"
@@ -233,7 +232,7 @@ def test_an_imported_run_has_nothing_to_resume(tmp_path):
     from tests.support.run_folders import make_run, ramp_run
 
     folder = make_run(tmp_path / "r", **ramp_run(), state="imported")
-    answer = CliRunner().invoke(main, ["resume", str(folder)])
+    answer = bench("resume", folder)
     assert answer.exit_code == 2
     assert "nothing to resume" in answer.stderr
 

@@ -8,16 +8,15 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.station.doctor import examine
 from bench.acquisition.station.serve import serve_station
 from bench.acquisition.station.settings.station import StationSettings
-from bench.cli import main
 from bench.commands.acquisition import load_station
 from drivers.errors import ConfigError
 from drivers.registers import load_map
 from tests.support import acquisition
+from tests.support.commands import bench
 
 
 @contextmanager
@@ -112,10 +111,10 @@ def test_equipment_that_is_not_there_is_no_link():
 
 
 def test_the_command_answers_in_json_and_by_its_exit_code(tmp_path):
-    result = CliRunner().invoke(main, ["doctor", "--json", "--listen", "0.2"])
+    result = bench("doctor", "--json", "--listen", "0.2")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["agrees"] is True
-    assert CliRunner().invoke(main, ["doctor", str(tmp_path / "absent.yaml")]).exit_code == 2
+    assert bench("doctor", tmp_path / "absent.yaml").exit_code == 2
 
 
 @pytest.fixture
@@ -139,13 +138,13 @@ def test_a_map_is_looked_for_beside_the_station_file(own_map):
 
 def test_the_contract_is_tried_on_a_map_of_ones_own(own_map):
     arguments = ["doctor", str(own_map / "station.yaml"), "--contract", "--json"]
-    good = CliRunner().invoke(main, arguments)
+    good = bench(*arguments)
     assert (good.exit_code, json.loads(good.stdout)["agrees"]) == (0, True)
     text = (own_map / "mine.yaml").read_text()
     (own_map / "mine.yaml").write_text(text.replace("pattern: ^celsius$", "pattern: ."))
-    assert CliRunner().invoke(main, arguments).exit_code == 1
+    assert bench(*arguments).exit_code == 1
     (own_map / "mine.yaml").write_text(text.replace("address: 2782", "adress: 2782"))
-    refused = CliRunner().invoke(main, arguments)
+    refused = bench(*arguments)
     assert refused.exit_code == 2
     assert "did you mean address?" in refused.stderr
 

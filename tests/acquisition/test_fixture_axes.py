@@ -1,7 +1,6 @@
 """Driven axes of a fixture: which attitudes they reach, how they get there, and what the run says of it."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +15,9 @@ from bench.base import InputError, load_config, parse_yaml, read_yaml
 from bench.record import ATTITUDES, seconds_of
 from drivers.canopen_axis import CanopenAxis
 from drivers.errors import RefusedError
+from tests.acquisition.test_attitudes import SHIPPED, attitude_events
 from tests.support import acquisition
 
-SHIPPED = Path(__file__).parents[2] / "profiles" / "stations" / "imu.yaml"
 EAST, NORTH, UP = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
 
@@ -119,11 +118,6 @@ def test_of_a_tumble_what_the_axes_reach_is_offered():
 def test_axes_that_cannot_be_are_refused(fixture, said):
     with pytest.raises(InputError, match=said):
         station({"zero": "x_up" if "none" in said else "z_up"} | fixture)
-
-
-def attitude_events(run):
-    events = [json.loads(line) for line in (run.path / "events.jsonl").read_text().splitlines()]
-    return [event for event in events if event["kind"] == "attitude"]
 
 
 def test_the_drives_bring_the_units_there_and_the_run_says_with_which_heading(tmp_path):

@@ -84,13 +84,6 @@ def test_troubles_are_named_before_their_delay_is_over():
     assert guards.in_force("abort") == []
 
 
-def test_guards_in_force_are_listed_by_action():
-    guards = Guards([guard(above=1.0, action="hold"), guard(name="h", above=2.0)])
-    guards.evaluate({"chamber_temperature": Signal(3.0, 0.0)}, 0.0)
-    assert [text.split(":")[0] for text in guards.in_force("hold")] == ["g"]
-    assert [text.split(":")[0] for text in guards.in_force("abort")] == ["h"]
-
-
 ALL_TOLD = {"power", "frozen_s", "door", "sensor_break"}
 
 

@@ -4,11 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
+from bench.record import load
 from drivers.errors import ConfigError
 from drivers.wire import load_dbc
+from tests.support.commands import bench
 
 NEWCOMER = Path(__file__).parents[1] / "testing" / "newcomer"
 DBC = """VERSION ""
@@ -77,13 +77,15 @@ def answers(folder, monkeypatch, changed, equipment=False):
     monkeypatch.chdir(folder)
     profile = ["short.yaml", "--station", "station.yaml"]
     commands = (["check", *profile], ["doctor", "station.yaml", "--listen", "0.2"], ["run", *profile, "--out", "out"])
-    done = [CliRunner().invoke(main, command) for command in commands]
+    done = [bench(*command) for command in commands]
     return [(one.exit_code, one.output) for one in done]
 
 
 def test_the_files_without_a_mistake_are_taken(tmp_path, monkeypatch):
     (checked, said), (examined, told), (ran, _) = answers(tmp_path, monkeypatch, [])
     assert (checked, examined, ran) == (0, 0, 1)  # a run that short has no verdict
+    (run,) = (tmp_path / "out" / "UDP-3").iterdir()
+    assert load(run, 1.0).has("temperature"), "of a unit without a thermometer, the air of the chamber"
     for text in (said, told):
         assert re.search(r"AXES-1:? .*no CRC: a frame", text)
         assert re.search(r"UDP-3:? .*no CRC and no sum: a packet", text)

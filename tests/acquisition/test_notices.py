@@ -8,7 +8,6 @@ from email import message_from_string
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station import watchdog
@@ -16,7 +15,6 @@ from bench.acquisition.station.notices import Notifier
 from bench.acquisition.station.settings.notify import NotifyFile
 from bench.base import load_config, parse_yaml
 from bench.base.errors import InputError
-from bench.cli import main
 from bench.commands import resuming
 from bench.commands.acquisition import check
 from bench.commands.calibration.calibrate import calibrate
@@ -24,6 +22,7 @@ from bench.commands.calibration.job import Done
 from bench.commands.calibration.order import Order
 from tests.support import acquisition, notices
 from tests.support.acquisition import at
+from tests.support.commands import bench
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 SECRET = "correct-horse"
@@ -226,7 +225,7 @@ def test_a_calibration_whose_notice_is_lost_ends_as_it_would_and_says_so(tmp_pat
 
 
 def doctor(station, *options):
-    return CliRunner().invoke(main, ["doctor", str(station), "--notify", *options])
+    return bench("doctor", station, "--notify", *options)
 
 
 def test_doctor_sends_a_trial_and_says_why_one_was_not_taken(tmp_path):

@@ -7,16 +7,15 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy.integrate import quad
 
 from bench.acquisition.profile.orientation import OrientationSettings, stated
 from bench.acquisition.run.runner import run_job
 from bench.analysis.fit.samples import Samples
-from bench.cli import main
 from bench.record import EARTH_DPH, Orientation, earth_rate, load, open_run, seconds_of
 from bench.web.workbench.zoom import view
 from tests.support import acquisition
+from tests.support.commands import bench
 
 SILENT = {"angle_random_walk": 0.0, "bias_instability": 0.0, "rate_random_walk": 0.0}
 STILL = "name: still\nsegments:\n  - {kind: soak, duration_min: 1}\n"
@@ -103,7 +102,7 @@ def test_check_states_what_is_removed(tmp_path, orientation, said):
     content = acquisition.station_content(**({} if orientation is None else {"orientation": orientation}))
     (tmp_path / "station.yaml").write_text(json.dumps(content))
     (tmp_path / "still.yaml").write_text(STILL)
-    answer = CliRunner().invoke(main, ["check", f"{tmp_path}/still.yaml", "--station", f"{tmp_path}/station.yaml"])
+    answer = bench("check", f"{tmp_path}/still.yaml", "--station", f"{tmp_path}/station.yaml")
     assert answer.exit_code == 0
     assert said in answer.output
 
@@ -119,7 +118,7 @@ def test_check_states_what_is_removed(tmp_path, orientation, said):
 def test_a_wrong_orientation_is_refused_in_one_line(tmp_path, orientation, said):
     (tmp_path / "station.yaml").write_text(json.dumps(acquisition.station_content(orientation=orientation)))
     (tmp_path / "still.yaml").write_text(STILL)
-    answer = CliRunner().invoke(main, ["check", f"{tmp_path}/still.yaml", "--station", f"{tmp_path}/station.yaml"])
+    answer = bench("check", f"{tmp_path}/still.yaml", "--station", f"{tmp_path}/station.yaml")
     assert answer.exit_code == 2
     assert said in answer.stderr
     assert len(answer.stderr.splitlines()) == 1

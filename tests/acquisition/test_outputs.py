@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.run.runner import run_job
@@ -15,13 +14,13 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.wires import wire_findings
 from bench.base import config
 from bench.base.errors import InputError
-from bench.cli import main
 from bench.commands.acquisition import check
 from bench.commands.replay.replaying import replay
 from bench.record import RunFolder, apart, faults, read_samples
 from bench.record.dataset import load, seconds_of
 from drivers.journal import Kind, read_blocks
 from tests.support import acquisition
+from tests.support.commands import bench
 from tests.support.shown import outputs, unlike
 
 RATES = ("rate_x", "rate_y", "rate_z")
@@ -123,7 +122,7 @@ def test_a_dataset_gives_its_outputs_by_name(runs):
 
 
 def say(*arguments):
-    answer = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    answer = bench(*arguments)
     return answer.exit_code, answer.stdout + answer.stderr
 
 

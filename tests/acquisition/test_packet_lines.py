@@ -10,19 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.doctor import examine
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.wires import wire_findings
 from bench.base import InputError, load_config, parse_yaml
-from bench.cli import main
 from bench.record import load
 from bench.record.samples import read_samples
 from drivers.framing import Framing
 from drivers.packet_bus import MemoryLine, PacketBus
 from tests.support import acquisition
+from tests.support.commands import bench
 
 CRC = {"width": 16, "poly": 0x1021, "init": 0xFFFF, "order": "big"}
 LINES = {
@@ -226,4 +225,4 @@ def test_check_takes_the_station(tmp_path: Path):
     (tmp_path / "station.yaml").write_text(json.dumps(content()))
     (tmp_path / "short.yaml").write_text(acquisition.SHORT)
     arguments = ["check", str(tmp_path / "short.yaml"), "--station", str(tmp_path / "station.yaml")]
-    assert CliRunner().invoke(main, arguments).exit_code == 0
+    assert bench(*arguments).exit_code == 0

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.profile import preflight
 from bench.acquisition.profile.profile import profile_from_text
@@ -16,11 +15,11 @@ from bench.acquisition.station.settings.station import StationSettings
 from bench.analysis.judging.completeness import completeness
 from bench.analysis.judging.quantities import of_data
 from bench.base import load_config, parse_yaml
-from bench.cli import main
 from bench.record import RunFolder, averaged, load, open_run, seconds_of
 from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from tests.support import acquisition
+from tests.support.commands import bench
 
 CYCLES = """\
 name: cycles
@@ -117,7 +116,7 @@ def test_a_station_without_a_supply_refuses_the_profile_in_one_line(tmp_path):
     (tmp_path / "cycles.yaml").write_text(CYCLES)
     arguments = [str(tmp_path / "cycles.yaml"), "--station", str(tmp_path / "station.yaml")]
     for command in ("check", "run"):
-        answer = CliRunner().invoke(main, [command, *arguments])
+        answer = bench(command, *arguments)
         assert answer.exit_code == 2
         assert answer.stderr.splitlines() == [
             f"bench: {tmp_path / 'cycles.yaml'}:8: power cycle at 23: switches the units' power, but the station has "
@@ -128,11 +127,11 @@ def test_a_station_without_a_supply_refuses_the_profile_in_one_line(tmp_path):
 
 def test_check_shows_and_times_power_cycles(tmp_path):
     (tmp_path / "cycles.yaml").write_text(CYCLES)
-    answer = CliRunner().invoke(main, ["check", str(tmp_path / "cycles.yaml")])
+    answer = bench("check", tmp_path / "cycles.yaml")
     assert answer.exit_code == 0, answer.output
     assert "2 power cycle(s), 0 h 02 min without power: 3 turn-ons in one run" in answer.output
     assert "power " in preflight.profile_picture(profile_from_text(CYCLES))
-    content = json.loads(CliRunner().invoke(main, ["check", str(tmp_path / "cycles.yaml"), "--json"]).stdout)
+    content = json.loads(bench("check", tmp_path / "cycles.yaml", "--json").stdout)
     cycle = next(segment for segment in content["segments"] if segment["name"] == "power cycle at 23")
     assert cycle["to_s"] - cycle["from_s"] == pytest.approx(60, abs=8)
 
@@ -147,7 +146,7 @@ def test_check_shows_and_times_power_cycles(tmp_path):
 )
 def test_a_wrong_power_cycle_is_refused_with_its_line(tmp_path, entry, said):
     (tmp_path / "wrong.yaml").write_text(f"name: wrong\nsegments:\n  - {entry}\n")
-    answer = CliRunner().invoke(main, ["check", str(tmp_path / "wrong.yaml")])
+    answer = bench("check", tmp_path / "wrong.yaml")
     assert answer.exit_code == 2
     assert f"{tmp_path / 'wrong.yaml'}:3" in answer.stderr
     assert said in answer.stderr

@@ -5,14 +5,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.settings.faults import OF_BUS, OF_CHAMBER, OF_UNIT
 from bench.base.errors import InputError
-from bench.cli import main
 from tests.acquisition.test_several import FOUR, SERIALS
 from tests.support import acquisition
+from tests.support.commands import bench
 
 
 @pytest.mark.parametrize(
@@ -46,7 +45,7 @@ def test_every_fault_of_a_run_stands_in_its_events_and_its_report(tmp_path):
     result = run_job(acquisition.job(tmp_path, settings=acquisition.station(faults=faults)))
     told = [event["text"] for event in result.run.events() if event["kind"] == "rehearsal"]
     assert told == ["chamber: silence begins", "chamber: silence ends", "can0: loss begins", "can0: loss ends"]
-    answer = CliRunner().invoke(main, ["report", str(result.run.path), "--model", "polynomial"])
+    answer = bench("report", result.run.path, "--model", "polynomial")
     assert answer.exit_code in (0, 1), answer.stderr
     assert "chamber: silence begins" in (result.run.path / "report.html").read_text()
 
@@ -78,7 +77,7 @@ def test_four_units_of_which_one_dies_in_mid_ramp_with_one_command(tmp_path):
     station.write_text(yaml.safe_dump(content))
     profile.write_text(UP_AND_DOWN)
     command = ["run", profile, "--station", station, "--out", tmp_path, "--model", "polynomial", "--json", "--quiet"]
-    answer = CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
+    answer = bench(*command)
     assert answer.exit_code == 4
     units = json.loads(answer.stdout)["units"]
     assert [unit["unit"] for unit in units] == SERIALS

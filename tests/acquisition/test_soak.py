@@ -25,5 +25,7 @@ def test_faults_repeat_with_their_seed():
 
 @pytest.mark.slow
 def test_a_killed_bench_loses_less_than_a_second_and_leaves_a_safe_chamber(tmp_path):
-    kills = kill_often(2, 7, tmp_path)
-    assert all(kill.lost_s <= MOST_LOST_S and kill.safe and kill.gaps == 0 for kill in kills)
+    (kill,) = kill_often(1, 7, tmp_path)
+    assert kill.lost_s <= MOST_LOST_S
+    assert kill.safe
+    assert kill.gaps == 0

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.analysis.effects import catalogue, registry
 from bench.analysis.effects import registry as effects
@@ -16,6 +15,7 @@ from bench.analysis.fit.fitting import fit_model
 from bench.base.errors import InputError
 from bench.cli import main
 from tests.support.analysis_data import thermal_cycle, white, with_bias
+from tests.support.commands import bench
 
 GOOD = '''"""Bias that follows the sine of the temperature.
 
@@ -158,8 +158,8 @@ def test_a_broken_package_breaks_only_its_own_effect(installed, monkeypatch):
 def test_every_command_that_reads_a_model_takes_effects_of_the_user(tmp_path):
     (tmp_path / "mine.py").write_text(GOOD, encoding="utf-8")
     own = ["--effect", f"{tmp_path / 'mine.py'}:Etalon"]
-    assert "etalon " in CliRunner().invoke(main, ["effects", *own]).output
-    added = CliRunner().invoke(main, ["add", "etalon", "--model", "spline", "--out", str(tmp_path / "m.yaml"), *own])
+    assert "etalon " in bench("effects", *own).output
+    added = bench("add", "etalon", "--model", "spline", "--out", tmp_path / "m.yaml", *own)
     assert added.exit_code == 0
     for name in ("run", "compare", "report", "diagnose", "improve", "add", "reveal"):
         assert "own_effects" in {parameter.name for parameter in main.commands[name].params}

@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
@@ -16,8 +15,8 @@ from bench.analysis.judging.validity import refusals
 from bench.analysis.judging.verification import verify
 from bench.base.errors import InputError
 from bench.base.yaml12 import parse_yaml
-from bench.cli import main
 from bench.record import RunFolder
+from tests.support.commands import bench
 from tests.support.run_folders import CYCLE, make_run, ramp_run
 
 DOOR = {"why": "door", "channel": "chamber_temperature", "from_s": 0.0, "to_s": 4e3, "samples": 1, "duration_s": 4e3}
@@ -119,8 +118,7 @@ def test_the_certificate_counts_the_samples_of_both_runs_and_refuses_a_verificat
             tmp_path / f"check-{losses}", **narrow, profile="check", losses={"received": 9, "lost": losses}
         )
         files = ["--verification", check, "--limits", limits, "--out", tmp_path / "c.pdf"]
-        command = ["certificate", run, "--draft", *files]
-        return CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
+        return bench("certificate", run, "--draft", *files)
 
     assert certificate(3).exit_code == 0
     facts = json.loads((tmp_path / "c.json").read_text())

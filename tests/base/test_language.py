@@ -6,11 +6,10 @@ import string
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.base import language
 from bench.base.language import say
-from bench.cli import main
+from tests.support.commands import bench
 
 BENCH = Path(language.__file__).parents[1]
 
@@ -64,7 +63,7 @@ def test_the_environment_names_the_language(monkeypatch, environment, said):
 
 def test_a_command_answers_people_in_their_language_and_programs_always_alike(tmp_path, monkeypatch):
     monkeypatch.setenv("BENCH_LANG", "uk")
-    told = CliRunner().invoke(main, ["status", "--out", str(tmp_path)])
+    told = bench("status", "--out", tmp_path)
     assert told.output.startswith("немає запущеного прогону")
-    answer = CliRunner().invoke(main, ["status", "--out", str(tmp_path), "--json"])
+    answer = bench("status", "--out", tmp_path, "--json")
     assert json.loads(answer.stdout) == {"runs": []}

@@ -7,8 +7,9 @@ import pytest
 
 from tests.browser.test_operator import press_tab_to
 from tests.support import bench_project
-from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.visiting import PATIENCE_MS, PHONE, TABLET, english, picture
+from tests.support.waiting import until
 
 
 @pytest.fixture

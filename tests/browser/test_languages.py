@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.run_folders import make_run, ramp_run
 from tests.support.visiting import english, picture
+from tests.support.waiting import until
 
 RUN = "GX-1/20261101T000000Z_ramp"
 OPEN = "() => document.querySelectorAll('details').forEach((one) => (one.open = true))"

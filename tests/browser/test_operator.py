@@ -6,8 +6,9 @@ import re
 import pytest
 
 from bench.web.people import people
-from tests.support.bench_project import LONG, SLOW_UNIT, bench_over, until
+from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.visiting import PATIENCE_MS, PICTURES, TABLET, picture
+from tests.support.waiting import until
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import pytest
 
 from bench.commands import registry_rebuild
 from bench.record import DiagnosisRecord
-from tests.support.bench_project import until
 from tests.support.fleet_runs import line
 from tests.support.servers import serving
 from tests.support.unit_history import PDF, UNIT, unit_with_history
 from tests.support.visiting import picture
+from tests.support.waiting import until
 
 
 def fleet(out):

@@ -68,22 +68,6 @@ def test_a_profile_that_cannot_run_is_refused_with_its_line_before_anything_move
     assert not (tmp_path / "reports").exists()
 
 
-def test_an_unknown_key_is_answered_with_the_nearest_known_one(tmp_path):
-    path = tmp_path / "p.yaml"
-    path.write_text("name: p\nsegments:\n  - {kind: soak, durations_min: 3}\n")
-    answer = bench("check", path)
-    assert answer.exit_code == 2
-    assert "did you mean 'duration_min'?" in answer.stderr
-
-
-def test_an_unknown_effect_is_answered_with_the_nearest_known_one(tmp_path, run_folder):
-    model = tmp_path / "m.yaml"
-    model.write_text("name: m\neffects: [splin]\n")
-    answer = bench("compare", run_folder, "--model", model)
-    assert answer.exit_code == 2
-    assert "unknown effect 'splin'; did you mean 'spline'?" in answer.stderr
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -120,25 +104,6 @@ def test_a_folder_without_a_manifest_is_no_run(tmp_path):
     answer = bench("report", tmp_path / "old")
     assert answer.exit_code == 2
     assert "manifest.json is missing" in answer.stderr
-
-
-def test_a_spline_over_a_constant_temperature_is_refused_by_name(tmp_path):
-    run = ramp_run()
-    run["columns"]["temperature"] = np.where(np.isnan(run["columns"]["temperature"]), np.nan, 25.0)
-    folder = make_run(tmp_path / "r", **run)
-    answer = bench("compare", folder, "--model", "spline")
-    assert answer.exit_code == 2
-    assert "temperature moves by 0 degC only" in answer.stderr
-
-
-@pytest.mark.slow
-def test_a_sensor_with_whole_degree_steps_is_named_with_the_error_that_it_causes(tmp_path):
-    run = ramp_run()
-    run["columns"]["rate"] = run["columns"]["rate"] + 2.0 * run["columns"]["temperature"]
-    run["columns"]["temperature"] = np.round(run["columns"]["temperature"])
-    folder = make_run(tmp_path / "r", **run)
-    (spline,) = json.loads(bench("compare", folder, "--model", "spline", "--json").stdout)["models"]
-    assert "has steps of 1 degC" in " ".join(spline["warnings"])
 
 
 def test_compare_answers_with_the_keys_that_others_rely_on(run_folder):

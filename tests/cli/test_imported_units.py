@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
+from tests.support.commands import bench
 
 LABORATORY = """
 laboratory: {name: Example Laboratory, address: 1 Example Road}
@@ -32,7 +31,7 @@ def log(path: Path) -> Path:
 
 
 def told(*args: object, code: int = 0) -> str:
-    result = CliRunner().invoke(main, [str(arg) for arg in args])
+    result = bench(*args)
     assert result.exit_code == code, result.output
     return result.output
 

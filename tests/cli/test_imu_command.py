@@ -6,12 +6,11 @@ import json
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from bench.cli import main
 from bench.record import ImuRecord, ImuVerificationRecord, sha256
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
+from tests.support.commands import bench
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +25,7 @@ def asked(folder, *words, **changes):
     """The command on the table with a changed plan."""
     plan = yaml.safe_load((folder / "imu.yaml").read_text()) | changes
     (folder / "changed.yaml").write_text(yaml.safe_dump(plan, sort_keys=False))
-    return CliRunner().invoke(main, ["imu", str(folder / "imu.csv"), "--plan", str(folder / "changed.yaml"), *words])
+    return bench("imu", folder / "imu.csv", "--plan", folder / "changed.yaml", *words)
 
 
 def test_a_unit_is_calibrated_from_its_table_and_plan(folder):
@@ -127,8 +126,8 @@ def other_table(folder, name, moves, **changes):
 
 
 def verified(folder, name, *words):
-    words = ("imu", folder / f"{name}.csv", "--plan", folder / f"{name}.yaml", "--verify", folder / "cal", *words)
-    return CliRunner().invoke(main, [str(word) for word in words])
+    plan = folder / f"{name}.yaml"
+    return bench("imu", folder / f"{name}.csv", "--plan", plan, "--verify", folder / "cal", *words)
 
 
 def elsewhere(seed, degc=39.0, rates=(0.0, 40.0, -75.0)):

@@ -7,15 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from click.testing import CliRunner
 
 from bench.analysis import analyse
 from bench.base import OUTPUTS, read_yaml
-from bench.cli import main
 from bench.commands.acquisition import Task, conduct
 from bench.record import seconds_of
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
+from tests.support.commands import bench
 
 STATION = Path(__file__).parents[2] / "profiles" / "stations" / "imu.yaml"
 RATES = """\
@@ -56,7 +55,7 @@ def place(tmp_path_factory):
 
 def asked(folder, *words, plan="flat.yaml"):
     names = [str(folder / word) for word in words]
-    answer = CliRunner().invoke(main, ["imu", *names, "--plan", str(folder / plan), "--json"])
+    answer = bench("imu", *names, "--plan", folder / plan, "--json")
     return answer, json.loads(answer.stdout) if answer.exit_code < 2 else {}
 
 
@@ -115,12 +114,12 @@ def test_what_does_not_go_together_is_one_line(place, words, said):
 
 def test_a_table_without_a_plan_is_refused(place):
     (place / "table.csv").write_text("time\n1\n")
-    answer = CliRunner().invoke(main, ["imu", str(place / "table.csv")])
+    answer = bench("imu", place / "table.csv")
     assert (answer.exit_code, "give a plan with --plan" in answer.stderr) == (2, True)
 
 
 def test_a_run_that_names_no_attitudes_is_refused(short_run):
-    answer = CliRunner().invoke(main, ["imu", str(short_run.path)])
+    answer = bench("imu", short_run.path)
     assert answer.exit_code == 2
     assert "names no attitudes: run a profile with `attitude`" in answer.stderr
 
@@ -149,9 +148,7 @@ def test_an_inertial_unit_goes_from_the_shelf_to_verified(place, tmp_path):
     (tmp_path / "plan.yaml").write_text(PLAN)
     (tmp_path / "flat.yaml").write_text((place / "flat.yaml").read_text())
     order = ["--unit", "IMU-0001", "--plan", tmp_path / "plan.yaml", "--station", place / "station.yaml"]
-    said = CliRunner().invoke(
-        main, ["calibrate", *map(str, order), "--out", str(tmp_path / "out"), "--json", "--quiet"]
-    )
+    said = bench("calibrate", *order, "--out", tmp_path / "out", "--json", "--quiet")
     assert said.exit_code == 0, said.output
     job = json.loads(said.stdout)
     steps = {step["name"]: step for step in job["steps"]}
@@ -169,5 +166,5 @@ def test_an_inertial_unit_goes_from_the_shelf_to_verified(place, tmp_path):
 def test_a_plan_says_what_is_fitted(tmp_path):
     for wrong in (PLAN.replace("imu: flat.yaml", ""), PLAN.replace("imu:", "models: [spline]\nimu:")):
         (tmp_path / "plan.yaml").write_text(wrong)
-        said = CliRunner().invoke(main, ["calibrate", "--unit", "U", "--plan", str(tmp_path / "plan.yaml")])
+        said = bench("calibrate", "--unit", "U", "--plan", tmp_path / "plan.yaml")
         assert (said.exit_code, "state `imu: true`" in said.stderr) == (2, True)

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.archive import gauge
-from bench.cli import main, rendering
+from bench.cli import rendering
 from bench.commands import (
     Aborted,
     Asked,
@@ -31,20 +30,10 @@ from bench.commands.calibration.job import JobFile
 from bench.commands.calibration.steps import STEP_NAMES
 from benchmarks import imu_data
 from drivers.sim.truth.imu.drawn import drawn
+from tests.cli.test_cli import LEGS, PROFILE
+from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
 
-PROFILE = """
-name: tiny
-segments:
-  - {kind: ramp, to_degc: 30, rate_degc_per_min: 2}
-  - {kind: soak, duration_min: 1}
-"""
-LEGS = [
-    ("up", "ramp", 60.0, 2.0),
-    ("down", "ramp", 0.0, 2.0),
-    ("back", "ramp", 25.0, 2.0),
-    ("still", "soak", 25.0, 1800.0),
-]
 REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_out_by floor_dph bias_span_dph
     uncompensated_rms_dph samples missing_samples losses left_out admissible gaps warnings diagnosis report state
     notes views registry"""
@@ -105,13 +94,13 @@ def places(tmp_path_factory):
     """Values of the placeholders in capitals."""
     root = tmp_path_factory.mktemp("keys")
     profile, table = root / "tiny.yaml", root / "log.csv"
-    profile.write_text(PROFILE)
+    profile.write_text(PROFILE.replace("TO", "30"))
     rows = "\n".join(f"{t},{10 + t / 100},{20 + t / 50}" for t in range(400))
     table.write_text(f"time,rate,temperature\n{rows}\n")
     run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(LEGS), unit="U-1", run="r1")
     (root / "out").mkdir()
-    CliRunner().invoke(main, ["report", str(run), "--model", "polynomial"])
-    CliRunner().invoke(main, ["registry", "rebuild", "--out", str(root / "reports")])
+    bench("report", run, "--model", "polynomial")
+    bench("registry", "rebuild", "--out", root / "reports")
     return {"PROFILE": profile, "TABLE": table, "RUN": run, "ROOT": root / "reports", "OUT": root / "out"}
 
 
@@ -131,7 +120,7 @@ def asked(command, places):
     words = command.split()
     for name, place in places.items():
         words = [str(place) + word.removeprefix(name) if word.split("/")[0] == name else word for word in words]
-    answer = CliRunner().invoke(main, [*words, "--json"], catch_exceptions=False)
+    answer = bench(*words, "--json")
     assert answer.exit_code in {0, 1}, answer.stderr
     return json.loads(answer.stdout)
 
@@ -199,7 +188,7 @@ def test_results_of_equipment_and_live_runs_have_their_keys(tmp_path):
 @pytest.mark.slow
 def test_a_pipe_gets_tables_in_full_width_and_without_colour(places, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
-    answer = CliRunner().invoke(main, ["compare", str(places["RUN"]), "--model", "polynomial"])
+    answer = bench("compare", places["RUN"], "--model", "polynomial")
     title, row, *_ = answer.stdout.splitlines()
     assert title.split()[:3] == ["model", "in-sample", "held-out"]
     assert row.startswith("polynomial ")

@@ -5,14 +5,13 @@ import re
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition.station.doctor import examine
 from bench.base import read_yaml
-from bench.cli import main
 from bench.commands.acquisition import load_station
 from drivers.errors import ConfigError
 from drivers.layout import layout_of
+from tests.support.commands import bench
 
 ROOT = Path(__file__).parents[2]
 FAMILY = (ROOT / "drivers" / "gyros" / "vibratory.dbc").read_text()
@@ -33,7 +32,7 @@ units:
 
 
 def check(station: Path, code: int) -> str:
-    result = CliRunner().invoke(main, ["check", str(ROOT / "profiles" / "quick.yaml"), "--station", str(station)])
+    result = bench("check", ROOT / "profiles" / "quick.yaml", "--station", station)
     assert result.exit_code == code, result.output
     return result.output
 
@@ -85,15 +84,15 @@ def test_a_run_keeps_the_dbc_that_its_frames_are_read_by(tmp_path: Path) -> None
     (tmp_path / "short.yaml").write_text(SHORT)
     (tmp_path / "own.dbc").write_text(FAMILY)
     place = ("--station", tmp_path / "station.yaml", "--out", tmp_path / "out", "--quiet")
-    CliRunner().invoke(main, list(map(str, ["run", tmp_path / "short.yaml", *place])))
+    bench("run", tmp_path / "short.yaml", *place)
     (run,) = (tmp_path / "out" / "SIM-0001").glob("2*")
     assert "layout.dbc" in json.loads((run / "manifest.json").read_text())["files"]
     assert re.search(r" SG_ Rate .*\(([^,]+),", FAMILY)
     (tmp_path / "own.dbc").write_text(re.sub(r"( SG_ Rate [^(]*\()[^,]+,", r"\g<1>2,", FAMILY))
-    again = CliRunner().invoke(main, ["replay", str(run)])
+    again = bench("replay", run)
     assert again.exit_code == 0, again.output
     (tmp_path / "own.dbc").unlink()
-    assert CliRunner().invoke(main, ["replay", str(run)]).exit_code == 0
+    assert bench("replay", run).exit_code == 0
 
 
 def test_doctor_names_what_the_layout_has_and_nobody_sends(tmp_path: Path) -> None:
@@ -109,7 +108,7 @@ def test_doctor_names_what_the_layout_has_and_nobody_sends(tmp_path: Path) -> No
 
 def test_doctor_proposes_a_mapping_that_reads_as_the_dbc_does(tmp_path: Path) -> None:
     target = tmp_path / "units.yaml"
-    answer = CliRunner().invoke(main, ["doctor", "--listen", "1.5", "--propose", str(target), "--json"])
+    answer = bench("doctor", "--listen", "1.5", "--propose", target, "--json")
     assert answer.exit_code == 0, answer.output
     assert json.loads(answer.stdout)["file"] == str(target)
     signals = read_yaml(target).content["units"][0]["signals"]

@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.run_folders import Leg, make_run, ramp_run
 
 LOOP = [("up", "ramp", 60.0, 2.0), ("down", "ramp", 0.0, 2.0), ("back", "ramp", 25.0, 2.0)]
@@ -33,7 +32,7 @@ def test_the_answer_says_which_sisters_told_the_noise(command: str, runs: tuple[
     run, still, sister = runs
     (run / "diagnosis.json").unlink(missing_ok=True)
     words = (command, run, *COMMANDS[command], "--static", still, "--sister", sister)
-    CliRunner().invoke(main, list(map(str, words)))  # the station that `decide` asks for has no such unit
+    bench(*words)  # the station that `decide` asks for has no such unit
     kept = json.loads((run / "diagnosis.json").read_text())
     assert (kept["static"], kept["sisters"]) == (still.name, [sister.name])
 
@@ -41,6 +40,6 @@ def test_the_answer_says_which_sisters_told_the_noise(command: str, runs: tuple[
 @pytest.mark.parametrize("command", COMMANDS)
 def test_sisters_need_an_isothermal_run_of_the_unit(command: str, runs: tuple[Path, Path, Path]) -> None:
     run, _, sister = runs
-    result = CliRunner().invoke(main, list(map(str, (command, run, *COMMANDS[command], "--sister", sister))))
+    result = bench(command, run, *COMMANDS[command], "--sister", sister)
     assert result.exit_code == 2
     assert "compared with one of the unit itself; name it (--static)" in result.stderr

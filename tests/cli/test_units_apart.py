@@ -3,11 +3,10 @@
 import json
 
 import pytest
-from click.testing import CliRunner
 
 import bench as api
 from bench.base import InputError
-from bench.cli import main
+from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
 
 
@@ -17,15 +16,11 @@ def two(tmp_path_factory):
     return [make_run(folder / unit, **ramp_run(seed=seed), unit=unit) for seed, unit in enumerate(("A-1", "B-2"))]
 
 
-def asked(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
 @pytest.mark.parametrize("how", ["fitted", "checked", "static"])
 def test_a_fit_to_two_units_is_refused_in_one_line(two, how):
     first, second = two
     runs = {"fitted": [first, second], "checked": [first, "--check", second], "static": [first, "--static", second]}
-    answer = asked("compare", *runs[how], "--model", "polynomial")
+    answer = bench("compare", *runs[how], "--model", "polynomial")
     assert answer.exit_code == 2
     (line,) = answer.stderr.splitlines()
     assert "2 units (A-1, B-2)" in line
@@ -34,7 +29,7 @@ def test_a_fit_to_two_units_is_refused_in_one_line(two, how):
 
 @pytest.mark.parametrize("command", ["diagnose", "improve"])
 def test_a_diagnosis_of_two_units_is_refused(two, command):
-    answer = asked(command, *two, "--model", "polynomial")
+    answer = bench(command, *two, "--model", "polynomial")
     assert answer.exit_code == 2
     assert "A-1, B-2" in answer.stderr
 
@@ -42,8 +37,8 @@ def test_a_diagnosis_of_two_units_is_refused(two, command):
 @pytest.mark.parametrize("more", [(), ("--every-sample",)])
 def test_a_lot_is_fitted_when_asked_for(two, more):
     if more:
-        assert asked("compare", *two, "--model", "polynomial", *more).exit_code == 2
-    answer = asked("compare", *two, "--lot", "--model", "polynomial", "--json", *more)
+        assert bench("compare", *two, "--model", "polynomial", *more).exit_code == 2
+    answer = bench("compare", *two, "--lot", "--model", "polynomial", "--json", *more)
     assert answer.exit_code == 0, answer.stderr
     assert len(json.loads(answer.stdout)["runs"]) == 2
 

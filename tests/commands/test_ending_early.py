@@ -4,15 +4,14 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition import Continue, Stop, Until, profile_from_text
 from bench.acquisition.run.status import Status
 from bench.base import InputError, library
-from bench.cli import main
 from bench.commands import complete_unit
 from bench.commands.ending_early import EndingEarly, audit_due, records_of
 from bench.record import CalibrationRecord, Manifest, UntilRecord, load
+from tests.support.commands import bench
 from tests.support.run_folders import make_run
 
 LEGS = [("ramp", -10.0), ("ramp", 50.0), ("ramp", 20.0), ("ramp", 50.0), ("ramp", -10.0), ("ramp", 20.0)]
@@ -49,10 +48,7 @@ def lot(tmp_path_factory):
     runs = [str(folder(root, f"L-{i:02d}", unit(i))) for i in range(12)]
     model = root / "lot.yaml"
     model.write_text("name: lot\neffects: [{spline: {intervals: 3}}]\n")
-    said = CliRunner().invoke(
-        main, ["lot", "calibrate", "LOT", *runs, "--model", str(model), "--out", str(root / "out"), "--json"],
-        catch_exceptions=False,
-    )  # fmt: skip
+    said = bench("lot", "calibrate", "LOT", *runs, "--model", model, "--out", root / "out", "--json")
     return root / "out" / "LOT" / json.loads(said.stdout)["run"].rpartition("/")[2]
 
 
@@ -118,7 +114,7 @@ def test_every_so_many_runs_one_is_an_audit_that_shows_the_error_of_the_others(l
     assert outcomes == ["stopped", "stopped", "audit", "stopped"]
     (shown,) = [record for record in records_of(tmp_path, lot) if record.outcome == "audit"]
     assert shown.actual_dph < 0.2
-    said = CliRunner().invoke(main, ["lot", "audits", str(lot), "--out", str(tmp_path), "--json"])
+    said = bench("lot", "audits", lot, "--out", tmp_path, "--json")
     found = json.loads(said.stdout)
     assert found["outcomes"] == {"stopped": 3, "audit": 1, "unlike": 0, "whole": 0}
     assert (found["audits"], found["held_to"]) == (1, 1.0)
@@ -159,23 +155,21 @@ def test_until_stands_in_the_profile_and_a_lot_needs_it(tmp_path, lot):
         profile_from_text(text.replace("0.2", "-1"))
     profile = tmp_path / "p.yaml"
     profile.write_text(text.replace("until: {error_dph: 0.2}\n", ""))
-    said = CliRunner().invoke(main, ["run", str(profile), "--lot", str(lot), "--out", str(tmp_path / "out"), "--quiet"])
+    said = bench("run", profile, "--lot", lot, "--out", tmp_path / "out", "--quiet")
     assert said.exit_code == 2
     assert "--lot needs `until: {error_dph: …}`" in said.stderr
 
 
 def test_a_planned_profile_is_one_that_check_passes_and_the_unit_is_completed_by_it(lot, tmp_path):
     profile = tmp_path / "short.yaml"
-    said = CliRunner().invoke(
-        main, ["lot", "plan", str(lot), "--target", "0.5", "--profile", str(profile), "--json"], catch_exceptions=False
-    )
+    said = bench("lot", "plan", lot, "--target", "0.5", "--profile", profile, "--json")
     found = json.loads(said.stdout)
     assert set(found) == {"lot", "profile", "target_dph", "error_dph", "low_dph", "high_dph", "hours", "whole_hours"}
     assert found["high_dph"] <= 0.5
     assert found["hours"] < found["whole_hours"]
     plan = profile_from_text(profile.read_text())
     assert plan.duration_s == pytest.approx(3600.0 * found["hours"], rel=0.01)
-    assert CliRunner().invoke(main, ["check", str(profile)], catch_exceptions=False).exit_code == 0
+    assert bench("check", profile).exit_code == 0
     time = np.arange(0.5, plan.duration_s, 1.0)
     run = folder(tmp_path, "G-07", unit(77, way=(time, plan.setpoint(time))))
     made = complete_unit(lot, run, tmp_path / "out")
@@ -187,14 +181,14 @@ def test_a_plan_for_a_faster_chamber_may_be_faster_than_the_lot_was_driven(lot, 
     hours = []
     for more in ([], ["--station", str(station)]):
         words = ["lot", "plan", str(lot), "--target", "0.5", "--profile", str(tmp_path / "short.yaml"), *more, "--json"]
-        hours.append(json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)["hours"])
+        hours.append(json.loads(bench(*words).stdout)["hours"])
     assert hours[1] < hours[0]
     legs = profile_from_text((tmp_path / "short.yaml").read_text()).legs()
     assert 1.0 < max(leg.rate_degc_per_min for leg in legs if leg.kind == "ramp") <= 5.0
 
 
 def test_a_target_that_no_plan_meets_is_one_line(lot, tmp_path):
-    said = CliRunner().invoke(main, ["lot", "plan", str(lot), "--target", "0.0001"], catch_exceptions=False)
+    said = bench("lot", "plan", lot, "--target", "0.0001")
     assert said.exit_code == 2
     assert "give a larger target" in said.stderr
     assert len(said.stderr.strip().splitlines()) == 1

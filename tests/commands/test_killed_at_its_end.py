@@ -6,9 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
+from tests.support.commands import bench
 
 KILLED = """
 import os, sys
@@ -28,8 +27,8 @@ def test_the_run_is_recovered_analysed_and_registered(tmp_path, command):
     done = subprocess.run(words, env={**os.environ, "PYTHONPATH": root}, capture_output=True, text=True, check=False)
     assert done.returncode == 9, done.stderr
     (run,) = tmp_path.glob("*/*_short")
-    said = CliRunner().invoke(main, [command, str(run)])
+    said = bench(command, run)
     assert said.exit_code in {0, 1}, said.output
     assert {"manifest.json", "calibration.json", "report.html"} <= {path.name for path in run.iterdir()}
-    listed = CliRunner().invoke(main, ["registry", "list", "--out", str(tmp_path)])
+    listed = bench("registry", "list", "--out", tmp_path)
     assert run.name in listed.output

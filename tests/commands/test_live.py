@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ import pytest
 from bench.acquisition.run import remote
 from bench.record.folder import open_run
 from tests.support.commands import bench
+from tests.support.waiting import PATIENCE_S, until
 
 PROFILE = """\
 name: long
@@ -21,23 +21,12 @@ segments:
   - {kind: ramp, name: up, to_degc: 80, rate_degc_per_min: 0.05}
   - {kind: soak, name: last, duration_min: 6000}
 """
-PATIENCE_S = 60.0
 
 
 def asked(*arguments):
     answer = bench(*arguments, "--json")
     assert answer.exit_code == 0, answer.output + answer.stderr
     return json.loads(answer.stdout)
-
-
-def until(condition):
-    """The first true answer of `condition`, asked again and again."""
-    end_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < end_s:
-        if found := condition():
-            return found
-        time.sleep(0.05)
-    raise AssertionError("nothing of the kind happened")
 
 
 @pytest.fixture

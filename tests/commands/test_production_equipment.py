@@ -3,12 +3,11 @@
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.base.errors import InputError
-from bench.cli import main
 from bench.deliver.certificate.laboratory import load_instruments
 from tests.deliver.test_certificate import EQUIPMENT
+from tests.support.commands import bench
 
 PROFILE = Path(__file__).parents[2] / "profiles" / "quick.yaml"
 
@@ -20,7 +19,7 @@ def test_a_production_run_is_blocked_by_overdue_or_unknown_equipment(tmp_path):
         ([], "a production run needs --equipment"),
     ):
         command = ["run", str(PROFILE), "--production", "--out", str(tmp_path / "out"), *options]
-        done = CliRunner().invoke(main, command, catch_exceptions=False)
+        done = bench(*command)
         assert done.exit_code == 2
         assert said in done.stderr
         assert not (tmp_path / "out").exists()
@@ -39,8 +38,8 @@ def production_run(out, monkeypatch, *equipment):
     out.mkdir()
     for name, *days in equipment:
         add = ["registry", "equipment", "add", name, "S-1", "--kind", "sensor", *days, "--out", str(out)]
-        assert CliRunner().invoke(main, add, catch_exceptions=False).exit_code == 0
-    done = CliRunner().invoke(main, ["run", str(PROFILE), "--production", "--out", str(out)], catch_exceptions=False)
+        assert bench(*add).exit_code == 0
+    done = bench("run", PROFILE, "--production", "--out", out)
     assert done.exit_code == 2
     assert done.stderr.count("\n") == 1
     return done.stderr, kept

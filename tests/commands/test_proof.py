@@ -7,28 +7,21 @@ import shutil
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from click.testing import CliRunner
 
 from bench.archive.registry.ledger import archive
 from bench.base.errors import InputError
-from bench.cli import main
 from bench.commands.flash_source import newest_run
 from bench.commands.flash_unit import objection
 from bench.commands.registering import register
 from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words
 from bench.record import Manifest
+from tests.support.commands import bench
 from tests.support.flash_bench import image
 from tests.support.run_folders import keep, make_run
 
 COLUMNS = {"time": [0.5, 1.5], "rate": [1.0, 2.0], "temperature": [20.0, 21.0]}
 FIT = {"calibration": {"model": {"name": "spline"}}}
-
-
-def bench(*words):
-    done = CliRunner().invoke(main, [str(word) for word in words])
-    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-    return done
 
 
 def calibrated(root, name, created):

@@ -138,7 +138,7 @@ def test_a_later_diagnosis_without_the_isothermal_run_does_not_change_what_the_r
     loop = """\
 name: loop
 segments:
-  - {kind: ramp, to_degc: 33, rate_degc_per_min: 1}
+  - {kind: ramp, to_degc: 29, rate_degc_per_min: 1}
   - {kind: ramp, to_degc: 23, rate_degc_per_min: 1}
 """
     still = "name: still\nsegments:\n  - {kind: soak, duration_min: 12}\n"

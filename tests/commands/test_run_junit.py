@@ -5,10 +5,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
 from tests.support import acquisition
+from tests.support.commands import bench
 
 DOOR = {"at_s": 20, "fault": "alarm"}
 
@@ -18,7 +17,7 @@ def run(folder: Path, *options: str, **changes: object) -> tuple[int, ElementTre
     profile.write_text(acquisition.SHORT)
     station.write_text(json.dumps(acquisition.station_content(**changes)))
     arguments = ["run", str(profile), "--station", str(station), "--out", str(folder), "--junit", str(told), *options]
-    code = CliRunner().invoke(main, [*arguments, "--quiet"]).exit_code
+    code = bench(*arguments, "--quiet").exit_code
     return code, ElementTree.parse(told).getroot()
 
 
@@ -55,7 +54,7 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_moves(tmp_path
     profile = tmp_path / "short.yaml"
     profile.write_text(acquisition.SHORT)
     told = str(tmp_path / "file" / "run.xml")
-    answer = CliRunner().invoke(main, ["run", str(profile), "--out", str(tmp_path / "out"), "--junit", told])
+    answer = bench("run", profile, "--out", tmp_path / "out", "--junit", told)
     assert answer.exit_code == 2
     assert "cannot be written" in answer.stderr
     assert not (tmp_path / "out").exists()

@@ -4,17 +4,16 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.acquisition import Continue, profile_from_text
 from bench.base import InputError, RunAborted
-from bench.cli import main
 from bench.commands.calibration.calibrate import calibrate
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.steps import STEPS
 from bench.commands.ending_early import EndingEarly, followed, lot_of
 from bench.record import LotRecord, Manifest, RunFolder, UntilRecord, load
 from tests.support.bench_project import BRIEF_PLAN
+from tests.support.commands import bench
 from tests.support.run_folders import make_run
 
 SWEEP = """
@@ -38,7 +37,7 @@ PLAN = BRIEF_PLAN.replace("brief.yaml\nver", "sweep.yaml\nver") + "certificate: 
 
 
 def invoked(*words):
-    return CliRunner().invoke(main, [*map(str, words), "--quiet", "--json"], catch_exceptions=False)
+    return bench(*words, "--quiet", "--json")
 
 
 pytestmark = pytest.mark.slow
@@ -58,7 +57,7 @@ def project(tmp_path_factory):
     first = load(json.loads(said.stdout)["run"], 1.0)
     runs = [made(root / "lot", f"L-{seed:02d}", first, seed) for seed in range(12)]
     lot = ["lot", "calibrate", "LOT", *map(str, runs), "--model", str(root / "profiles" / "line.yaml")]
-    CliRunner().invoke(main, [*lot, "--out", str(root / "reports"), "--json"], catch_exceptions=False)
+    bench(*lot, "--out", root / "reports", "--json")
     return root
 
 

@@ -10,19 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy import stats
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
 from bench.base.digits import measured
 from bench.base.errors import InputError
-from bench.cli import main
 from bench.deliver.certificate.budget import budget
 from bench.deliver.certificate.certificate import number_of
 from bench.deliver.certificate.evidence import gather
 from bench.deliver.certificate.laboratory import Instrument, load_instruments, refuse_overdue
 from bench.record.chain import drop
+from tests.support.commands import bench
 from tests.support.run_folders import CYCLE, keep, make_run, ramp_run
 
 typst = pytest.importorskip("typst")
@@ -79,8 +78,7 @@ def certificate(folder, *options, run="run"):
 
 
 def bare(run, *options):
-    command = ["certificate", run, "--issued", "2026-11-21", *options]
-    return CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
+    return bench("certificate", run, "--issued", "2026-11-21", *options)
 
 
 def whole(folder, out, *options):

@@ -4,12 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
-from bench.cli import main
 from tests.deliver.test_certificate import LABORATORY, over
+from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
 
 
@@ -38,7 +37,7 @@ def test_under_rotation_u_is_that_of_the_rate_table_or_unknown(tmp_path, stated)
     (tmp_path / "laboratory.yaml").write_text(LABORATORY)
     files = ["--equipment", tmp_path / "table.yaml", "--laboratory", tmp_path / "laboratory.yaml"]
     words = ["certificate", run, "--verification", check, *files, "--out", tmp_path / "c.pdf"]
-    done = CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+    done = bench(*words)
     assert done.exit_code == 0, done.output
     facts = json.loads((tmp_path / "c.json").read_text())
     rows = {row["rate_dps"]: row for row in facts["uncertainty"]["by_rate"]}

@@ -8,12 +8,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
-from bench.cli import main
 from bench.deliver.certificate.dsi import dsi, unit_of
+from tests.support.commands import bench
 from tests.support.dcc import faults, read_back
 from tests.support.run_folders import CYCLE, make_run, ramp_run
 
@@ -23,8 +22,7 @@ PAPERS = ("--laboratory", PROFILES / "laboratory/simulated.yaml", "--equipment",
 
 
 def certificate(*words):
-    command = ["certificate", *words, "--issued", "2026-11-21"]
-    return CliRunner().invoke(main, [str(word) for word in command], catch_exceptions=False)
+    return bench("certificate", *words, "--issued", "2026-11-21")
 
 
 @pytest.fixture(scope="module")

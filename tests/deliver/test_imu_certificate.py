@@ -4,10 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from bench.cli import main
 from bench.record import CertificateRecord, ImuAxisError, ImuFinding, ImuVerificationRecord
+from tests.support.commands import bench
 from tests.support.dcc import faults, read_back
 from tests.support.imu_units import imu_record
 
@@ -18,7 +17,7 @@ PAPERS = ("--laboratory", PROFILES / "laboratory/simulated.yaml", "--equipment",
 
 
 def certificate(*words):
-    return CliRunner().invoke(main, ["certificate", *map(str, words)], catch_exceptions=False)
+    return bench("certificate", *words)
 
 
 def verification(verdict="PASS"):

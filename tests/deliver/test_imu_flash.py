@@ -5,16 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from bench.base import InputError
-from bench.cli import main
 from bench.commands.flash_source import from_file, from_imu
 from bench.deliver.export.imu_image import compensate, image_of, words_of
 from bench.deliver.export.words import crc, to_bytes
 from bench.record import FlashRecord, ImuFinding
 from drivers.sim.correction import RefusedImageError
 from drivers.sim.imu_correction import ImuCorrection
+from tests.support.commands import bench
 from tests.support.flash_bench import World
 from tests.support.imu_units import imu_record
 
@@ -93,10 +92,10 @@ def test_a_simulated_unit_gets_its_calibration_over_its_bus_and_reads_it_back(tm
     imu_record().model_copy(update={"unit": "IMU-0001"}).write(tmp_path)
     station = Path(__file__).parents[2] / "profiles" / "stations" / "imu.yaml"
     words = ("flash", "IMU-0001", "--run", tmp_path, "--station", station, "--out", tmp_path / "reports", "--quiet")
-    done = CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+    done = bench(*words)
     assert done.exit_code == 0, done.output
     assert "read back and compared word by word" in done.stdout
     record = FlashRecord.read(tmp_path)
     assert (record.state, record.serial, record.coefficient_set) == ("done", 1, 1)
-    again = CliRunner().invoke(main, [str(word) for word in words], catch_exceptions=False)
+    again = bench(*words)
     assert "already" in again.stdout

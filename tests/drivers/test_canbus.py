@@ -15,6 +15,7 @@ from drivers.canbus import BusSettings, InProcessCapture, ProcessCapture, open_b
 from drivers.errors import ConfigError, LinkError
 from drivers.journal import FRAME, JournalWriter, Kind, read_blocks
 from drivers.sim.loopcan import Broker, LoopBus
+from tests.support.waiting import until
 
 
 def counted(count: int, start: int = 0) -> np.ndarray:
@@ -30,14 +31,6 @@ def numbers(frames: np.ndarray) -> np.ndarray:
 
 def journalled(path: Path) -> np.ndarray:
     return np.concatenate([b.frames() for b in read_blocks(path) if b.kind is Kind.FRAMES])
-
-
-def until(condition, limit_s: float = 30.0) -> None:
-    """Wait for another process; the limit only ends a test that has failed."""
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "the other process did not do it"
-        time.sleep(0.005)
 
 
 def is_running(pid: int) -> bool:

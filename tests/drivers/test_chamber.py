@@ -17,6 +17,7 @@ F4T = load_map("watlow_f4t")
 HOST_STEPPED = """\
 model: Watlow F4
 registers:
+  model_number: {address: 0, type: uint16, low: 5270, high: 5270, meaning: model, source: F4 manual ch. 7}
   temperature: {address: 100, type: int16, scale: 0.1, unit: degC, low: -80, high: 200, meaning: air, source: F4}
   setpoint: {address: 300, type: int16, scale: 0.1, write: 6, unit: degC, low: -80, high: 200, meaning: t, source: F4}
   mode: {address: 202, type: uint16, write: 6, values: {off: 0, on: 1}, meaning: run, source: F4}

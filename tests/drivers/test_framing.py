@@ -18,7 +18,7 @@ from drivers.errors import ConfigError
 from drivers.framing import Check, Deframer, Framing, Number, Sum
 from drivers.packet_bus import PacketBus
 from drivers.sim.ptys import PtyPair
-from tests.drivers.test_canbus import until
+from tests.support.waiting import until
 
 CRC = Check(16, 0x1021, 0xFFFF, order="big")
 CRC32 = Check(32, 0x04C11DB7, 0xFFFFFFFF, refin=True, refout=True, xorout=0xFFFFFFFF)

@@ -11,6 +11,7 @@ import pytest
 from drivers.canbus import BusSettings, ProcessCapture, open_bus
 from drivers.journal import FRAME, Kind, read_blocks
 from drivers.sim.slcan_adapter import SlcanAdapter
+from tests.support.waiting import until
 
 QUICK = {"sleep_after_open": 0.0}
 
@@ -28,14 +29,6 @@ def adapter(wire):
         adapter = SlcanAdapter(bus)
         yield adapter
         adapter.close()
-
-
-def until(condition, limit_s: float = 30.0) -> None:
-    """Wait for another process; the limit only ends a test that has failed."""
-    end = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < end, "the other side did not do it"
-        time.sleep(0.005)
 
 
 def message(k: int) -> can.Message:

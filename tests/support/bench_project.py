@@ -1,12 +1,11 @@
 """A project folder for the page's tests: plans of seconds, limits that they can meet, and a station that is slow."""
 
-import time
 from contextlib import contextmanager
 
 import httpx
-import pytest
 
 from tests.support.servers import site_over
+from tests.support.waiting import until
 
 SHORT = """
 name: short
@@ -117,15 +116,6 @@ def made(root):
 
 
 API = "/api/v1"
-
-
-def until(condition):
-    """What `condition` gives when it gives something; fails the test when that takes far too long."""
-    for _ in range(2400):
-        if found := condition():
-            return found
-        time.sleep(0.05)
-    return pytest.fail(f"never came true: {condition}")
 
 
 class Bench:

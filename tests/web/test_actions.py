@@ -10,11 +10,11 @@ from bench.deliver import IMU_FORMATS, MEASURED
 from bench.record import ImuSource, sha256
 from bench.web.ground.settings import Settings
 from bench.web.shelf.steps import whole_of
-from tests.commands.test_live import until
 from tests.deliver.test_imu_certificate import verification
 from tests.support.imu_units import imu_record
 from tests.support.report_runs import quick
 from tests.support.run_folders import make_run, ramp_run
+from tests.support.waiting import until
 from tests.support.web_client import served
 
 

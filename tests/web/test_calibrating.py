@@ -19,8 +19,8 @@ from bench.web.live import starts as webstarts
 from bench.web.live.starts import Starts
 from bench.web.people import people
 from tests.commands.test_calibrate import Fake
-from tests.commands.test_live import until
 from tests.support import bench_project
+from tests.support.waiting import until
 from tests.support.web_client import served
 from tests.web.test_starting import LONG, kill
 

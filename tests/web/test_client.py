@@ -13,7 +13,8 @@ from bench.commands import Aborted
 from bench.record.folder import open_run
 from bench.web.ground.settings import Settings
 from bench.web.people import people
-from tests.commands.test_live import PROFILE, start, until
+from tests.commands.test_live import PROFILE, start
+from tests.support.waiting import until
 from tests.support.web_client import served
 
 

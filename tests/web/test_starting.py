@@ -18,7 +18,7 @@ from bench.web.ground.settings import Settings
 from bench.web.people import people
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
-from tests.commands.test_live import until
+from tests.support.waiting import until
 from tests.support.web_client import served
 
 LONG = """\

@@ -152,7 +152,8 @@ def write_data(path: Path, parts: Sequence[tuple[Iterator[GyroBlock], Grid]], wi
     measured = {name for _, grid in parts for name in grid.measured}
     names = [name for name in CHANNELS if name in usual | sent | turned | measured]
     if not sent & set(THERMOMETERS):  # the air of the chamber takes its place
-        names.insert(2, "temperature")
+        if "temperature" not in names:
+            names.insert(2, "temperature")
         for _, grid in parts:
             grid.air_for_unit()
     codes, output = _codes(wires), next((name for name in OUTPUTS if name in sent), "rate")
