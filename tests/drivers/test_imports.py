@@ -18,3 +18,10 @@ def test_mf4_is_imported_by_who_reads_or_writes_such_a_log(tmp_path):
     command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert said.splitlines() == ["False False", "[(288, b'abc')] True"]
+
+
+def test_the_page_is_served_without_what_only_computations_and_simulators_import():
+    wanted = "scipy.special", "scipy.optimize", "scipy.interpolate", "aiohttp", "pandas"
+    script = f"import sys, bench.web.server.app; print([name for name in {wanted} if name in sys.modules])"
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+    assert said.strip() == "[]"
