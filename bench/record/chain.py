@@ -80,7 +80,10 @@ def append(folder: Path, name: str, lines: Callable[[bytes, Hash], bytes]) -> No
         digest.update(new)
 
         def write() -> None:
-            with path.open("r+b" if old is not None else "wb") as file:
+            if not whole:
+                write_atomically(path, new)
+                return
+            with path.open("r+b") as file:
                 file.truncate(len(whole))
                 file.seek(len(whole))
                 file.write(new)

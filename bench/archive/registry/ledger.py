@@ -87,13 +87,12 @@ class Ledger:
         if news:
             self.append(*({**new, "origin": origins[new["run"]]} if new["run"] in origins else new for new in news))
 
-    def seen(self, path: str | None = None) -> dict[str, tuple[int | None, str]]:
+    def seen(self) -> dict[str, tuple[int | None, str]]:
         """Runs by path: the number of the line in which each was first seen, and the last hash of its manifest.
 
-        With a `path` that run alone, which reads no line of another run.
         Runs of other archives have no number: this ledger saw them when they were fetched, not when they were made.
         """
-        return _seen(self._numbered(_read(self.root), path))
+        return _seen(self._numbered(_read(self.root)))
 
     def renewed(self) -> Ledger:
         """The same folder as an archive of its own, with a new id: it was a copy of another one."""
@@ -159,10 +158,11 @@ def archive(root: Path) -> Ledger:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"cannot be read or made: {error.strerror}", path) from None
-    begin = _entry(data[: data.find(b"\n") + 1].decode(errors="replace"), path, 1)
+    head = data[: data.find(b"\n") + 1]
+    begin = _entry(head.decode(errors="replace"), path, 1)
     if begin.get("kind") != "archive" or not isinstance(begin.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
-    *_, (_, newest) = _lines(data, '"kind": "archive"')
+    *_, (_, newest) = [(0, head), *_lines(data, '"kind": "archive"')]
     return Ledger(root, str(_entry(newest.decode(errors="replace"), path, 1)["id"]))
 
 
