@@ -78,7 +78,7 @@ def figure(trend: Mapping[str, Any]) -> Plot:
     near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
     levels = [level_line(end, text, VERMILION) for end, text in near]
     layout = {
-        "xaxis": axis("", type="date"),
+        "xaxis": axis("UTC", type="date"),
         "yaxis": axis(f"[{in_print(trend['unit'])}]", rangemode="tozero" if min(values) >= 0 else "normal"),
         "shapes": [shape for shape, _ in levels],
         "annotations": [label for _, label in levels],
