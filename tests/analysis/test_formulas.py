@@ -158,7 +158,7 @@ def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):
         formula.product(formula.names) for formula, _ in grown
     }
     for formula, theta in [*((formula, formula.grid()[0]) for formula in formulas), *((f, g[0]) for f, g in grown)]:
-        assert tuple(parameter.name for parameter in formula.parameters) == formula.names  # theta goes by this order
+        assert formula.expression().parameters == formula.parameters  # values go by this order
         effect = effect_from(entry_text(formula.near(theta)))
         assert effect == formula.near(theta)
         assert [p.low < value < p.high for p, value in zip(effect.parameters, theta, strict=True)] == [True] * len(

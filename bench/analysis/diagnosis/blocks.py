@@ -9,7 +9,7 @@ from itertools import product
 
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.base import Parameter
-from bench.analysis.effects.expression import Expression
+from bench.analysis.effects.expression import Expression, bounded
 from bench.base import CHANNELS
 
 _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
@@ -185,7 +185,7 @@ class Formula:
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters as the engine searches them."""
-        return self.expression().parameters
+        return tuple(bounded(name, *ends) for name, ends in self.bounds.items())
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:

@@ -53,7 +53,7 @@ class Expression(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Parameters with bounds, logarithmic where these are positive and a decade apart."""
-        return tuple(_parameter(name, *self.bounds[name]) for name in self.parsed.nonlinear)
+        return tuple(bounded(name, *self.bounds[name]) for name in self.parsed.nonlinear)
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Factor of each amplitude (n, k)."""
@@ -72,7 +72,8 @@ def _check(name: object, pair: object) -> None:
         raise InputError(f"expression: bounds of '{name}' are {pair!r}, needed are two numbers [low, high], low < high")
 
 
-def _parameter(name: str, low: float, high: float) -> Parameter:
+def bounded(name: str, low: float, high: float) -> Parameter:
+    """A parameter of a formula between two bounds."""
     log = low > 0 and high >= 10.0 * low
     start = float(np.sqrt(low * high)) if log else 0.5 * (low + high)
     return Parameter(name, "", float(low), float(high), start, log, "of the formula")
