@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
-from bench.analysis.diagnosis.candidates import Candidate, Theta, orthonormal, outside
+from bench.analysis.diagnosis.candidates import Candidate, Theta, outside
 from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
@@ -35,7 +35,7 @@ _GROWN = 3  # leaders that grow
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
 _LOOKED_AT = 1000  # best entries of the grid
-_ALIKE = 3  # leaders that may share a block
+_SHARING = 3  # leaders that may have the same block
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
 _PEAKS = 6  # of the periodogram
@@ -172,7 +172,7 @@ class FormulaSearch:
         for entry in np.argsort(-rough)[:_LOOKED_AT]:
             index = int(scan.which[entry])
             blocks = [block.text for block in formulas[index].blocks]
-            if index in found or scan.excited[entry] < 1e-6 or max(shares[text] for text in blocks) >= _ALIKE:
+            if index in found or scan.excited[entry] < 1e-6 or max(shares[text] for text in blocks) >= _SHARING:
                 continue
             found.append(index)
             shares.update(blocks)
@@ -191,10 +191,10 @@ class FormulaSearch:
         fit = gls(np.column_stack([base, columns]), self._layout.problem.y, way, sigma2)
         own = fit.beta[base.shape[1] :]
         contribution = columns @ own
-        white = outside(orthonormal(way.apply(base)), way.apply(contribution))
+        beside = self._refiner.at(point)
+        white = outside(beside.basis, way.apply(contribution))
         deviations = self._refiner.deviations(candidate, theta, fit.beta, point)[base.shape[1] :][: columns.shape[1]]
-        before = gls(base, self._layout.problem.y, way, sigma2)
-        gains = np.cumsum(before.residual**2 - fit.residual**2) / sigma2
+        gains = np.cumsum(beside.residual**2 - fit.residual**2) / sigma2
         return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
@@ -229,8 +229,7 @@ class FormulaSearch:
     def _periods(self) -> list[float]:
         """Periods [s] of the largest lines of the whitened residual, between the frequencies of the transform."""
         problem = self._layout.problem
-        way = self._lattice.at([self._best])[0][0]
-        rest = outside(orthonormal(way.apply(problem.base)), way.apply(problem.y))
+        rest = self._refiner.at(self._best).residual
         row = rows_of(problem.time_s, problem.interval_s)
         filled = np.zeros(int(row[-1]) + 1)
         filled[row] = rest

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -100,19 +101,18 @@ class Grammar:
 
     def drivers(self) -> list[Block]:
         """What may act by itself: the rate of change and its memory, the loop, the gap to the air, each channel."""
-        fastest = max(float(np.nanmax(np.abs(part))) for part in self._parts(lambda record: record.dT_dt))
         blocks = [
-            Block("dT_dt", "dT/dt", "degC/min", most=fastest),
+            Block("dT_dt", "dT/dt", "degC/min", most=self._fastest),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(dT_dt + abs(dT_dt))", "dT/dt of heating alone", "degC/min"),
             Block("(dT_dt - abs(dT_dt))", "dT/dt of cooling alone", "degC/min"),
             Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
-            replace(lagged("dT_dt", "dT/dt", "degC/min", self.length_s), most=fastest),
+            replace(lagged("dT_dt", "dT/dt", "degC/min", self.length_s), most=self._fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.length_s, every=2),
             loop("temperature", self.temperature, "degC"),
         ]
         if self.gap:
-            gap, words, most = "(chamber_temperature - temperature)", "the gap between air and unit", self._widest()
+            gap, words, most = "(chamber_temperature - temperature)", "the gap between air and unit", self._widest
             blocks += [
                 Block(gap, words, "degC", most=most),
                 replace(lagged(gap, words, "degC", self.length_s, every=2), most=most),
@@ -199,7 +199,7 @@ class Grammar:
 
     def _behind(self) -> Block:
         """What a part that follows the temperature no faster than at some rate is behind it."""
-        most = max(float(np.nanmax(np.abs(part))) for part in self._parts(lambda record: record.dT_dt))
+        most = self._fastest
         words = "how far a part that follows the temperature at a limited rate is behind"
         tried = tuple((share * most,) for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95))
         text = "(temperature - slew(temperature, {per_min}))"
@@ -214,11 +214,17 @@ class Grammar:
 
     def _hinge(self) -> Block:
         """What the gap between air and unit drags along with play."""
-        wide = 2.0 * self._widest()
+        wide = 2.0 * self._widest
         words = "what the gap between air and unit drags along with play"
         bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
         return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
 
+    @cached_property
+    def _fastest(self) -> float:
+        """The largest |dT/dt| [degC/min]."""
+        return max(float(np.nanmax(np.abs(part))) for part in self._parts(lambda record: record.dT_dt))
+
+    @cached_property
     def _widest(self) -> float:
         """The largest gap between air and unit [degC]."""
         gaps = self._parts(lambda record: record.channels["chamber_temperature"] - record.channel("temperature"))

@@ -47,7 +47,7 @@ class Start:
     height: float
 
 
-class _Whitened(NamedTuple):
+class Whitened(NamedTuple):
     """The problem at one noise: basis of the base and its ln |X' C^-1 X|, the response and its rest beside the base.
 
     Of the isothermal records the square sum, and of all records ln |C|, with ln |X' C^-1 X| of the isothermal ones, and
@@ -71,7 +71,7 @@ class Refiner:
     def __init__(self, problem: Problem, lattice: NoiseLattice) -> None:
         """Shares the whiteners of the lattice."""
         self.problem, self.lattice = problem, lattice
-        self._kept: dict[Point, _Whitened] = {}
+        self._kept: dict[Point, Whitened] = {}
         self._last: tuple[FloatArray, BoolArray, float] | None = None
 
     def height(self, candidate: Candidate, theta: Theta, point: Point) -> float:
@@ -90,7 +90,7 @@ class Refiner:
 
     def _measured(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
         """`height` and `sigma2`."""
-        at = self._at(point)
+        at = self.at(point)
         rss, volume = self._judged(candidate, theta, point)
         sigma2 = (rss + at.still) / at.freedom
         return at.freedom * float(np.log(sigma2)) + at.log_det + volume, sigma2
@@ -99,7 +99,7 @@ class Refiner:
         """That square sum, and ln |X' C^-1 X| of base and candidate, the candidate's relative to white noise."""
         own = candidate.columns(theta)
         rss, there, kept = self._left(candidate, own, point)
-        volume = self._at(point).volume if candidate.kind == "term" else self._flat.volume
+        volume = self.at(point).volume if candidate.kind == "term" else self._flat.volume
         return rss, volume + there - self._flat_volume(candidate, own, kept)
 
     def _flat_volume(self, candidate: Candidate, own: FloatArray, kept: BoolArray) -> float:
@@ -113,7 +113,7 @@ class Refiner:
 
     def _left(self, candidate: Candidate, own: FloatArray, point: Point) -> tuple[float, float, BoolArray]:
         """Square sum beside base and own columns, ln |X' C^-1 X| of the latter, and which of them count."""
-        at, columns = self._at(point), self.lattice.at([point])[0][0].apply(own)
+        at, columns = self.at(point), self.lattice.at([point])[0][0].apply(own)
         kept, response = np.ones(own.shape[1], dtype=bool), at.white
         if candidate.kind == "term":
             before = np.linalg.norm(columns, axis=0)
@@ -123,16 +123,17 @@ class Refiner:
         return max(left, 1e-300), volume, kept
 
     @cached_property
-    def _flat(self) -> _Whitened:
+    def _flat(self) -> Whitened:
         """The problem under white noise."""
         return self._whitened(self.lattice.white())
 
-    def _at(self, point: Point) -> _Whitened:
+    def at(self, point: Point) -> Whitened:
+        """The problem at a noise point, computed once."""
         if point not in self._kept:
             self._kept[point] = self._whitened(self.lattice.at([point])[0])
         return self._kept[point]
 
-    def _whitened(self, ways: Sequence[Whitener]) -> _Whitened:
+    def _whitened(self, ways: Sequence[Whitener]) -> Whitened:
         base = ways[0].apply(np.column_stack([self.problem.base, self.problem.y]))
         basis, volume = spanned(base[:, :-1], np.linalg.norm(self.problem.base, axis=0))
         still, freedom, log_det = 0.0, self.problem.rows - basis.shape[1], sum(each.log_det for each in ways)
@@ -141,7 +142,7 @@ class Refiner:
             trend, more = spanned(both[:, :-1], np.linalg.norm(record.X, axis=0))
             still += float(np.sum(outside(trend, both[:, -1]) ** 2))
             log_det, freedom = log_det + more, freedom - trend.shape[1]
-        return _Whitened(basis, volume, base[:, -1], outside(basis, base[:, -1]), still, log_det, freedom)
+        return Whitened(basis, volume, base[:, -1], outside(basis, base[:, -1]), still, log_det, freedom)
 
     def refine(
         self, candidate: Candidate, grid: Sequence[Start], base: Point, closely: bool = True
