@@ -12,7 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, outside
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal, outside
 from bench.analysis.diagnosis.crew import shared
 from bench.analysis.diagnosis.refine import Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, spanned
@@ -22,7 +22,7 @@ from bench.base import FloatArray, IntArray
 DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
-_MANY = 20  # responses
+_AT_ONCE = 128  # columns: what is made of more does not fit the cache
 
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 """What the columns of an entry do with the base: stand beside it, change its curve as they are, or replace it."""
@@ -64,11 +64,16 @@ class Library:
         self.widths = np.array([columns.shape[1] for _, _, columns in listed], dtype=np.int64)
         uses = np.array([_use(candidates[index]) for index, _, _ in listed])
         self.replaces = uses == _REPLACES
+        self._shares = np.zeros(0)  # of the variance of single columns outside the base
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
         for use in (_ADDS, _SHIFTS, _REPLACES):
             for width in np.unique(self.widths[uses == use]):
                 which = np.flatnonzero((self.widths == width) & (uses == use)).astype(np.int64)
-                stacked = np.column_stack([listed[i][2] for i in which])
+                own = [listed[i][2] for i in which]
+                if use == _ADDS and width == 1:
+                    self._shares, stacked = _beside(problem.base, own)
+                else:
+                    stacked = np.column_stack(own)
                 self._stacks.append((which, use, int(width), stacked))
 
     def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
@@ -143,20 +148,17 @@ class Library:
         rss = np.empty((len(self.entries), run.shape[1]))
         for which, use, width, stacked in self._stacks:
             columns = way.apply(stacked)
+            if use == _ADDS and width == 1:
+                excited[which] = self._shares
+                gain, volumes[which] = _single(columns, q, residual)
+                rss[which] = np.maximum(rss0 - gain, 1e-300)
+                continue
             if use == _REPLACES:
                 gain, volumes[which] = _explained(columns, width, white)
                 rss[which] = np.maximum(power - gain, 0.0)
                 excited[which] = 1.0
                 continue
             before = np.einsum("ij,ij->j", columns, columns)
-            if use == _ADDS and width == 1:  # the residual is outside the base already
-                norm = before - np.einsum("ij,ij->j", inside := q.T @ columns, inside)
-                share = norm / np.maximum(before, 1e-300)
-                norm[share < DEPENDENT] = 0.0
-                excited[which] = np.maximum(excited[which], share)
-                gain, volumes[which] = _single(norm, _products(columns, residual))
-                rss[which] = np.maximum(rss0 - gain, 1e-300)
-                continue
             columns = outside(q, columns)
             if use == _SHIFTS:
                 own = np.einsum("ij,ij->j", columns, columns)
@@ -179,8 +181,6 @@ def _use(candidate: Candidate) -> str:
 
 def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Square sum that each group of `width` columns explains of each response (groups, m), and ln |X'X| (groups,)."""
-    if width == 1:
-        return _single(np.einsum("ij,ij->j", columns, columns), columns.T @ response)
     groups = columns.T.reshape(-1, width, len(columns))
     norms = np.linalg.norm(groups, axis=2, keepdims=True)
     scaled = groups / np.maximum(norms, 1e-300)
@@ -195,19 +195,32 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[F
     return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2)), np.asarray(volume)
 
 
-def _single(norm: FloatArray, product: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same for single columns, from their square sums (groups,) and products with the responses (groups, m)."""
+def _beside(base: FloatArray, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Share (k,) of the variance of columns (n, 1) outside the base; that part (n, k), scaled, in single precision.
+
+    What the base spans changes nothing beside it at any noise. Without it whitening does not cancel large numbers, and
+    single precision, which halves the work, leaves the evidence of a grid point known to about 0.01.
+    """
+    basis = orthonormal(base)
+    share, left = np.empty(len(columns)), np.empty((len(base), len(columns)), dtype=np.float32)
+    for first in range(0, len(columns), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        own = np.hstack(columns[part])
+        beside = outside(basis, own)
+        norms = np.linalg.norm(beside, axis=0)
+        share[part] = (norms / np.maximum(np.linalg.norm(own, axis=0), 1e-300)) ** 2
+        left[:, part] = beside * np.where(share[part] < DEPENDENT, 0.0, 1.0 / np.maximum(norms, 1e-300))
+    return share, left
+
+
+def _single(columns: FloatArray, basis: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Square sum that each column explains beside a basis (columns, m) of what it leaves, and ln of its own there."""
+    inside = basis.T.astype(columns.dtype) @ columns
+    norm = np.einsum("ij,ij->j", columns, columns) - np.einsum("ij,ij->j", inside, inside)
+    norm = np.maximum(norm, 0.0).astype(np.float64)
+    product = np.asarray(columns.T @ residual.astype(columns.dtype), dtype=np.float64)
     volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
     return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
-
-
-def _products(columns: FloatArray, responses: FloatArray) -> FloatArray:
-    """Inner products (groups, m). Of many simulated responses in single precision, which halves the work and leaves
-    what chance reaches known to 1e-3.
-    """
-    if responses.shape[1] < _MANY:
-        return columns.T @ responses
-    return np.asarray(columns.T.astype(np.float32) @ responses.astype(np.float32), dtype=np.float64)
 
 
 def _left(basis: FloatArray, response: FloatArray) -> FloatArray:

@@ -104,12 +104,12 @@ class Whitener:
         return Recursion(time_s, interval_s, white).whiteners([ratios])[0]
 
     def apply(self, matrix: FloatArray) -> FloatArray:
-        """W @ matrix for columns (n, k) or one vector (n,)."""
+        """W @ matrix for columns (n, k) or one vector (n,), in the precision of the matrix."""
         if self.white is not None:  # no row depends on another
-            diagonal = 1.0 / np.sqrt(self.white)
+            diagonal = (1.0 / np.sqrt(self.white)).astype(matrix.dtype)
             return np.asarray(matrix * (diagonal if matrix.ndim == 1 else diagonal[:, None]))
         columns = matrix.reshape(self.rows, -1)
-        white = np.empty(columns.shape)
+        white = np.empty_like(columns)
         for first in range(0, columns.shape[1], _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
             white[:, part] = self._whitened(columns[:, part])
@@ -117,14 +117,15 @@ class Whitener:
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
         """The same of a few columns (n, k)."""
-        blocks, states = len(self.transfer), self.transfer.shape[1] - _BLOCK
+        transfer = self.transfer.astype(columns.dtype, copy=False)
+        blocks, states = len(transfer), transfer.shape[1] - _BLOCK
         both = self._blocks(columns)
-        before = self.transfer[:, :states, states:] @ both[:, states:]  # from the rows of each block alone
+        before = transfer[:, :states, states:] @ both[:, states:]  # from the rows of each block alone
         for block in range(1, blocks):
-            step = self.transfer[block, :states, :states]
+            step = transfer[block, :states, :states]
             both[block, :states] = before[block - 1]
             before[block] += np.dot(step, before[block - 1])
-        white: FloatArray = self.transfer[:, states:] @ both
+        white: FloatArray = transfer[:, states:] @ both
         return white.reshape(blocks * _BLOCK, columns.shape[1])[: self.rows]
 
     def colour(self, matrix: FloatArray) -> FloatArray:
@@ -142,7 +143,7 @@ class Whitener:
     def _blocks(self, columns: FloatArray) -> FloatArray:
         """Blocks (blocks, states + 32, k): states of zero, the rows (n, k), zeros after the last."""
         blocks, width, _ = self.transfer.shape
-        both = np.zeros((blocks, width, columns.shape[1]))
+        both = np.zeros((blocks, width, columns.shape[1]), columns.dtype)
         whole = self.rows // _BLOCK
         both[:whole, width - _BLOCK :] = columns[: whole * _BLOCK].reshape(whole, _BLOCK, columns.shape[1])
         rest = columns[whole * _BLOCK :]
