@@ -5,6 +5,7 @@ import json
 import multiprocessing
 import os
 import shutil
+import sqlite3
 import uuid
 from datetime import date
 from itertools import count
@@ -14,6 +15,7 @@ import pytest
 import sqlalchemy
 
 from bench.archive.fleet.listing import listing
+from bench.archive.registry import summaries
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import archive
 from bench.archive.registry.opening import SCHEMA, open_registry
@@ -244,6 +246,47 @@ def test_the_migrations_make_the_tables_that_the_code_means(where):
         context = MigrationContext.configure(connection)
         assert compare_metadata(context, Table.metadata) == []
     assert ScriptDirectory(str(opening._MIGRATIONS)).get_current_head() == SCHEMA
+
+
+def test_a_registry_of_an_older_bench_is_updated_once_and_says_how_far_it_is(tmp_path, root, monkeypatch, capsys):
+    path = tmp_path / "registry.sqlite"
+    with open_registry(path) as registry:
+        for unit in ("U-1", "U-2", "U-3"):
+            register(registry, folder_of_run(root, unit), archive(root))
+        with registry.writing() as connection:
+            for older in ("DROP TABLE summaries", "DROP INDEX ix_runs_station", "DROP INDEX ix_units_lot",
+                          "UPDATE alembic_version SET version_num = '0005'"):  # fmt: skip
+                connection.execute(sqlalchemy.text(older))
+    monkeypatch.setattr(summaries, "_AT_ONCE", 1)
+    monkeypatch.setattr(summaries, "_TOLD", 2)
+    for said in (["0 of 3 units", "2 of 3 units"], []):
+        with open_registry(path) as registry:
+            assert listing(registry, "u-", None, "newest", 10, 0).matched == 3
+        lines = capsys.readouterr().err.splitlines()
+        assert [line.partition("for this bench: ")[2] for line in lines] == said
+
+
+def test_the_structure_of_a_small_registry_is_checked_and_that_of_a_large_one_by_verify_archive(
+    tmp_path, root, monkeypatch
+):
+    from bench.archive.registry import opening
+    from bench.commands.scrubbing import verify_archive
+
+    path = root / "registry.sqlite"
+    with open_registry(path) as registry:
+        for unit in range(40):
+            register(registry, folder_of_run(root, f"U-{unit}"), archive(root))
+    with sqlite3.connect(path) as database:
+        (page,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'ix_runs_station'").fetchone()
+    with path.open("r+b") as file:
+        file.seek((page - 1) * 4096)
+        file.write(bytes(4096))
+    advice = r"; move it away, and make it again with `bench registry rebuild`"
+    with pytest.raises(InputError, match=rf"(damaged|malformed).*{advice}"):
+        open_registry(path, checked=True)
+    monkeypatch.setattr(opening, "_CHECKED_BYTES", 1000)
+    open_registry(path, checked=True).close()
+    assert any("move it away" in fault for fault in verify_archive(root).faults)
 
 
 def test_a_newer_schema_is_refused_in_one_line_and_left_alone(where):

@@ -21,6 +21,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from pydantic_core import from_json
+
 from bench.base import InputError
 from bench.record import CHAIN, Lines, append, chain_of, extended, read_lines, seals
 
@@ -106,7 +108,7 @@ class Ledger:
         for number, (_, line, before) in enumerate(whole, 1):
             if not line:
                 break
-            previous = _entry(line.decode(errors="replace"), self.path, number).get("previous")
+            previous = _entry(line, self.path, number).get("previous")
             if previous is None and chained:
                 yield f"{self.path}:{number}: does not say what stands before it, as every line before it does"
             if previous is not None and previous != before:
@@ -118,13 +120,13 @@ class Ledger:
         with _mapped(self.path) as data:
             for begin, line in reversed([*_lines(data, json.dumps(path))]):
                 number = data[:begin].count(b"\n") + 1
-                yield number, _entry(line.decode(errors="replace"), self.path, number)
+                yield number, _entry(line, self.path, number)
 
     def _numbered(self, data: bytes) -> Iterator[tuple[int, Entry]]:
         """Lines after the first, with their numbers."""
         for number, line in enumerate(data.split(b"\n"), 1):
             if number > 1 and line.strip():
-                yield number, _entry(line.decode(errors="replace"), self.path, number)
+                yield number, _entry(line, self.path, number)
 
 
 @contextmanager
@@ -177,10 +179,10 @@ def archive(root: Path) -> Ledger:
             _, newest = next(_lines(data, '"kind": "archive"'), (0, head))
     except OSError as error:
         raise InputError(f"cannot be read or made: {error.strerror}", path) from None
-    begin = _entry(head.decode(errors="replace"), path, 1)
+    begin = _entry(head, path, 1)
     if begin.get("kind") != "archive" or not isinstance(begin.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
-    return Ledger(root, str(_entry(newest.decode(errors="replace"), path, 1)["id"]))
+    return Ledger(root, str(_entry(newest, path, 1)["id"]))
 
 
 def _read(root: Path) -> bytes:
@@ -213,10 +215,10 @@ def _run(path: str, digest: str) -> Entry:
     return {"kind": "run", "run": path, "manifest": digest, "utc": datetime.now(UTC).isoformat(timespec="seconds")}
 
 
-def _entry(line: str, path: Path, number: int) -> Entry:
+def _entry(line: bytes, path: Path, number: int) -> Entry:
     try:
-        entry = json.loads(line)
-    except (ValueError, RecursionError) as error:
+        entry = from_json(line, cache_strings="keys")
+    except ValueError as error:
         raise InputError(f"not a line of JSON ({error}); restore it", path, number) from None
     if not isinstance(entry, dict):
         raise InputError("not a JSON object; restore it", path, number)
