@@ -55,6 +55,7 @@ def _of_registry(root: Path) -> Iterator[str]:
         return
     try:
         with open_registry(root / FILE) as registry:
+            registry.refuse_damaged()
             done = rebuild(registry, archive(root), only_compare=True)
     except InputError as error:
         yield str(error)

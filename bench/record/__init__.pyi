@@ -7,6 +7,7 @@ from .attitudes import nearest_attitude as nearest_attitude
 from .attitudes import off_deg as off_deg
 from .attitudes import tumble as tumble
 from .chain import CHAIN as CHAIN
+from .chain import Lines as Lines
 from .chain import append as append
 from .chain import chain_of as chain_of
 from .chain import check as check
@@ -15,9 +16,9 @@ from .chain import faults as faults
 from .chain import listed as listed
 from .chain import prove as prove
 from .chain import put as put
+from .chain import read_lines as read_lines
 from .chain import unproven as unproven
 from .chain import use as use
-from .chain import whole_lines as whole_lines
 from .dataset import DEFAULT_INTERVAL_S as DEFAULT_INTERVAL_S
 from .dataset import STILL_DEGC_PER_MIN as STILL_DEGC_PER_MIN
 from .dataset import Dataset as Dataset
@@ -52,6 +53,8 @@ from .folder import create_run as create_run
 from .folder import new_folder as new_folder
 from .folder import open_run as open_run
 from .folder import slug as slug
+from .lines import extended as extended
+from .lines import seals as seals
 from .means import write_means as write_means
 from .outputs import apart as apart
 from .outputs import of_output as of_output

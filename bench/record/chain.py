@@ -9,23 +9,22 @@ from __future__ import annotations
 
 import hashlib
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from bench.base import InputError, __version__, hold
 from bench.record.files import sha256, write_atomically
+from bench.record.lines import extended, sealed, seals, whole_lines
 from bench.record.records.centre import ElsewhereRecord
 from bench.record.records.chain import ChainRecord, Link
 from bench.record.records.manifest import Manifest
 from bench.record.signing import keys_folder, public_key, sign, signed, trusted
-
-if TYPE_CHECKING:
-    from hashlib import _Hash as Hash
 
 CHAIN = ChainRecord.FILE
 STAMPED = ("*.parquet",)
@@ -63,69 +62,132 @@ def extend(folder: Path, name: str, change: Callable[[bytes], bytes]) -> None:
             _put(folder, *_whole(folder, {name: new}))
 
 
-def append(folder: Path, name: str, lines: Callable[[bytes, Hash], bytes]) -> None:
-    """Add lines to one file of a folder, which is hashed once and not written again, while nobody else does.
+@dataclass(frozen=True)
+class Lines:
+    """The lines of a file before others are added: their number and seal, and what gives them."""
 
-    `lines` gets the lines of the file and their SHA-256. A last line that a power cut left in part is dropped.
-    InputError where the file is not what the chain lists, OSError.
+    count: int
+    seal: str
+    read: Callable[[], bytes]
+
+
+def append(folder: Path, name: str, more: Callable[[Lines], bytes]) -> None:
+    """Add lines to one file of a folder while nobody else does; `more` gives them.
+
+    A file that is as the bench left it is neither read nor hashed. Any other one is, and lines that a power cut
+    interrupted are put right. InputError where the file is not what the chain lists, OSError.
     """
     with _locked(folder):
-        path = folder / name
-        old = path.read_bytes() if path.exists() else None
-        whole = whole_lines(old or b"")
-        digest = hashlib.sha256(whole)
-        _check(folder, name, None if old is None else digest.hexdigest())
-        if not (new := lines(whole, digest.copy())):
+        path, known = folder / name, _extended(folder)
+        link, stamp = known.files.get(name), _stamp(path)
+        seal = None if link is None or len(link.sha256) > 1 else link.sha256[0]
+        if link is not None and link.head and seal and known.stamps.get(name) == stamp:
+            head, size, old = link.head, stamp[0], Lines(link.lines, seal, path.read_bytes)
+        else:
+            data = _mended(folder, name)
+            link, size = _extended(folder).files.get(name), len(data)
+            head = size if link is None or link.head is None else link.head
+            old = Lines(data.count(b"\n"), sealed(data, head), lambda: data)
+        if not (new := more(old)):
             return
-        digest.update(new)
 
         def write() -> None:
-            if not whole:
+            if not size:
                 write_atomically(path, new)
                 return
             with path.open("r+b") as file:
-                file.truncate(len(whole))
-                file.seek(len(whole))
+                file.truncate(size)
+                file.seek(size)
                 file.write(new)
                 file.flush()
                 os.fsync(file.fileno())
 
-        _put(folder, {name: digest.hexdigest()}, write)
+        seal = extended(old.seal, new) if head else hashlib.sha256(new).hexdigest()
+        grown = Link(sha256=(seal,), head=head or len(new), lines=old.count + new.count(b"\n"))
+        _put(folder, {name: grown}, write)
 
 
-def whole_lines(data: bytes) -> bytes:
-    """Without a last line that a power cut or a full disk cut off: nobody was told that it was written."""
-    return data[: data.rfind(b"\n") + 1]
+def read_lines(folder: Path, name: str) -> bytes:
+    """The whole lines of a file to which others may add meanwhile; InputError where they are not what the chain lists.
+
+    Lines that a power cut interrupted are put right.
+    """
+    data = whole_lines((folder / name).read_bytes())
+    try:
+        _check_lines(folder, name, data)
+    except InputError:
+        with _locked(folder):
+            data = _mended(folder, name)
+    return data
 
 
-def _whole(folder: Path, files: Mapping[str, bytes]) -> tuple[dict[str, str], Callable[[], None]]:
-    """Hashes of new contents, and what writes them, each file whole."""
+def _check_lines(folder: Path, name: str, data: bytes) -> None:
+    known = chain_of(folder)
+    link = None if known is None else known.files.get(name)
+    _check(folder, name, sealed(data, None if link is None else link.head))
+
+
+def _mended(folder: Path, name: str) -> bytes:
+    """The whole lines of a file; those that were being added when the power was cut are kept and sealed."""
+    path = folder / name
+    if not path.exists():
+        _check(folder, name, None)
+        return b""
+    data = whole_lines(path.read_bytes())
+    try:
+        _check_lines(folder, name, data)
+    except InputError:
+        known = chain_of(folder)
+        link = None if known is None else known.files[name]
+        before = None if link is None or len(link.sha256) == 1 else _sealed_before(data, link)
+        if known is None or link is None or before is None:
+            raise
+        head = before if link.head is None else link.head
+        data = whole_lines(data[:before] + data[before:].partition(b"\0")[0])  # a block that was never written is zero
+        with path.open("r+b") as file:
+            file.truncate(len(data))
+        mended = link.model_copy(update={"sha256": (sealed(data, head),), "head": head, "lines": data.count(b"\n")})
+        _write(folder, known.model_copy(update={"files": {**known.files, name: mended}}))
+        kept = data.count(b"\n", before)
+        text = f"lines were being added when the bench was stopped; the {kept} that are whole are kept and sealed now"
+        print(f"bench: {path}: {text}", file=sys.stderr)
+    return data
+
+
+def _sealed_before(data: bytes, link: Link) -> int | None:
+    """Where the lines end that were sealed before others were added; None where they are not those."""
+    return max((at for at, _, seal in seals(data, link.head) if seal in link.sha256), default=None)
+
+
+def _whole(folder: Path, files: Mapping[str, bytes]) -> tuple[dict[str, Link], Callable[[], None]]:
+    """Links of new contents, and what writes them, each file whole."""
 
     def write() -> None:
         for name, data in files.items():
             write_atomically(folder / name, data)
 
-    return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}, write
+    return {name: Link(sha256=(hashlib.sha256(data).hexdigest(),)) for name, data in files.items()}, write
 
 
-def _put(folder: Path, news: Mapping[str, str], write: Callable[[], None], made_from: Iterable[str] = (),
+def _put(folder: Path, news: Mapping[str, Link], write: Callable[[], None], made_from: Iterable[str] = (),
          others: Mapping[str, str] = MappingProxyType({}), of: tuple[str, str] = ("", "")) -> None:  # fmt: skip
     """Write files, of which the hashes are known, and their chain."""
     before = _extended(folder)
     olds = {name: link.sha256[-1] for name, link in before.files.items()}
-    sources = {name: digest for name in made_from if (digest := {**olds, **news}.get(name)) is not None}
+    olds |= {name: link.sha256[-1] for name, link in news.items()}
+    sources = {name: digest for name in made_from if (digest := olds.get(name)) is not None}
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    after = {
-        name: Link(sha256=(digest,), made_from={**sources, **others}, utc=now, bench=__version__)
-        for name, digest in news.items()
-    }
+    made = {"made_from": {**sources, **others}, "utc": now, "bench": __version__}
+    after = {name: link.model_copy(update=made) for name, link in news.items()}
     between = {
-        name: link.model_copy(update={"sha256": (*_digests(before, name), news[name])}) for name, link in after.items()
+        name: link.model_copy(update={"sha256": (*_digests(before, name), *link.sha256)})
+        for name, link in after.items()
     }
     known = before.model_copy(update={"unit": of[0] or before.unit, "run": of[1] or before.run})
     _write(folder, known.model_copy(update={"files": {**known.files, **between}}))
     write()
     stamps = _stamps(folder) if Manifest.FILE in news else known.stamps
+    stamps = {**stamps, **{name: _stamp(folder / name) for name, link in news.items() if link.head}}
     _write(folder, known.model_copy(update={"files": {**known.files, **after}, "stamps": stamps}), sync=False)
 
 
@@ -270,12 +332,16 @@ def _unlike(folder: Path, known: ChainRecord, recorded: Mapping[str, str]) -> It
     for name, digests in {**wanted, **{name: link.sha256 for name, link in known.files.items()}}.items():
         path = folder / name
         try:
-            digest = sha256(path) if path.is_file() else None
+            digest = _digest(path, known.files.get(name)) if path.is_file() else None
         except OSError as error:
             yield name, f"{path}: cannot be read: {error.strerror}"
             continue
         if digest not in digests:
             yield name, f"{path}: {_differs(digest, digests[-1], lists[name])}"
+
+
+def _digest(path: Path, link: Link | None) -> str:
+    return sha256(path) if link is None or link.head is None else sealed(path.read_bytes(), link.head)
 
 
 def _stale(folder: Path, known: ChainRecord) -> Iterator[str]:

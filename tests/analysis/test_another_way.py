@@ -51,7 +51,7 @@ def reached(random):
     among = WALK * np.minimum.outer(hours, hours) + WHITE * np.eye(n)
     gain = SPREAD @ SHORT.columns.T @ np.linalg.inv(SHORT.columns @ SPREAD @ SHORT.columns.T + among)
     found = CENTRE + gain @ (y - SHORT.columns @ CENTRE)
-    found += LEVEL * np.mean(y - SHORT.columns @ found)
+    found += LEVEL * (WALK * hours @ np.linalg.solve(among, y - SHORT.columns @ found))  # where the walk ended
     return np.sqrt(np.mean((WHOLE.columns @ (own - found) + slow[n:]) ** 2))
 
 

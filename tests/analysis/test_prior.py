@@ -1,5 +1,7 @@
 """A lot as the prior of a further unit: what is expected of its calibration, and what is noticed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,7 +47,7 @@ def test_with_half_of_the_ramp_the_lot_leaves_less_than_the_run_alone(prior, ran
     from bench.analysis.fit.fitting import fit_model
 
     with_lot, alone = [], []
-    for i in range(4):
+    for i in range(40):
         run = ramped(member(random), f"U{i}", 700 + i)
         whole, slow = run.record, run.slow
         half = cut(whole, 3.9)
@@ -53,6 +55,15 @@ def test_with_half_of_the_ramp_the_lot_leaves_less_than_the_run_alone(prior, ran
         own = fit_model(load_model("spline"), half, covariance="none", weights="count")
         alone.append(np.mean((own.predict(whole).bias - slow) ** 2))
     assert np.mean(with_lot) < 0.7 * np.mean(alone)
+
+
+def test_the_level_is_the_one_that_a_slow_change_has_led_to(prior, random):
+    """Used after its run, a unit has the level of the run's end, not that of its middle."""
+    still = cut(ramped(member(random), "U", 800).record, 4.2)
+    change = 0.4 * still.time / still.time[-1]
+    moved = replace(still, channels={**still.channels, "rate": still.channel("rate") + change})
+    before, after = (prior.curve(still, prior.expected(one).amplitudes).mean() for one in (still, moved))
+    assert 0.24 < after - before < 0.4  # the middle has 0.2
 
 
 @pytest.mark.parametrize("kind", UNLIKE)

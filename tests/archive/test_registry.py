@@ -1,9 +1,11 @@
 """The registry on SQLite and PostgreSQL: rows of the run folders, never lost, never more than the folders say."""
 
 import hashlib
+import json
 import multiprocessing
 import os
 import shutil
+import sqlite3
 import uuid
 from datetime import date
 from itertools import count
@@ -13,7 +15,7 @@ import pytest
 import sqlalchemy
 
 from bench.archive.fleet.listing import listing
-from bench.archive.registry import ledger as ledger_module
+from bench.archive.registry import summaries
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import archive
 from bench.archive.registry.opening import SCHEMA, open_registry
@@ -23,6 +25,7 @@ from bench.archive.registry.writing import TABLES, register, stored, tell
 from bench.base.errors import InputError
 from bench.record import chain as chain_module
 from bench.record import faults
+from bench.record import lines as lines_module
 from bench.record.folder import RunFolder
 from tests.support.databases import binaries, database, postgres
 from tests.support.run_folders import keep, make_run
@@ -219,16 +222,16 @@ def test_stations_at_once_lose_no_row(where, root):
 
 def test_a_ledger_that_others_write_meanwhile_is_read_again(root, monkeypatch):
     ours, theirs, overtaken = archive(root), archive(root), []
-    check = ledger_module.check
+    check = chain_module._check
 
-    def late(folder, name, data):
+    def late(*given):
         if not overtaken:
-            overtaken.append(name)
+            overtaken.append(given)
             for number in (1, 2, 3):
                 theirs.append({"kind": "operator", "name": f"operator {number}"})
-        check(folder, name, data)
+        check(*given)
 
-    monkeypatch.setattr(ledger_module, "check", late)
+    monkeypatch.setattr(chain_module, "_check", late)
     assert [entry.get("name") for entry in ours.entries()] == ["operator 1", "operator 2", "operator 3"]
 
 
@@ -243,6 +246,47 @@ def test_the_migrations_make_the_tables_that_the_code_means(where):
         context = MigrationContext.configure(connection)
         assert compare_metadata(context, Table.metadata) == []
     assert ScriptDirectory(str(opening._MIGRATIONS)).get_current_head() == SCHEMA
+
+
+def test_a_registry_of_an_older_bench_is_updated_once_and_says_how_far_it_is(tmp_path, root, monkeypatch, capsys):
+    path = tmp_path / "registry.sqlite"
+    with open_registry(path) as registry:
+        for unit in ("U-1", "U-2", "U-3"):
+            register(registry, folder_of_run(root, unit), archive(root))
+        with registry.writing() as connection:
+            for older in ("DROP TABLE summaries", "DROP INDEX ix_runs_station", "DROP INDEX ix_units_lot",
+                          "UPDATE alembic_version SET version_num = '0005'"):  # fmt: skip
+                connection.execute(sqlalchemy.text(older))
+    monkeypatch.setattr(summaries, "_AT_ONCE", 1)
+    monkeypatch.setattr(summaries, "_TOLD", 2)
+    for said in (["0 of 3 units", "2 of 3 units"], []):
+        with open_registry(path) as registry:
+            assert listing(registry, "u-", None, "newest", 10, 0).matched == 3
+        lines = capsys.readouterr().err.splitlines()
+        assert [line.partition("for this bench: ")[2] for line in lines] == said
+
+
+def test_the_structure_of_a_small_registry_is_checked_and_that_of_a_large_one_by_verify_archive(
+    tmp_path, root, monkeypatch
+):
+    from bench.archive.registry import opening
+    from bench.commands.scrubbing import verify_archive
+
+    path = root / "registry.sqlite"
+    with open_registry(path) as registry:
+        for unit in range(40):
+            register(registry, folder_of_run(root, f"U-{unit}"), archive(root))
+    with sqlite3.connect(path) as database:
+        (page,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'ix_runs_station'").fetchone()
+    with path.open("r+b") as file:
+        file.seek((page - 1) * 4096)
+        file.write(bytes(4096))
+    advice = r"; move it away, and make it again with `bench registry rebuild`"
+    with pytest.raises(InputError, match=rf"(damaged|malformed).*{advice}"):
+        open_registry(path, checked=True)
+    monkeypatch.setattr(opening, "_CHECKED_BYTES", 1000)
+    open_registry(path, checked=True).close()
+    assert any("move it away" in fault for fault in verify_archive(root).faults)
 
 
 def test_a_newer_schema_is_refused_in_one_line_and_left_alone(where):
@@ -336,15 +380,39 @@ def test_what_the_registry_refuses_is_not_in_the_ledger(root, tmp_path):
     assert "Pt100" not in (root / "ledger.jsonl").read_text()
 
 
-def test_a_run_that_is_registered_adds_a_line_to_a_ledger_that_is_hashed_once(tmp_path, monkeypatch):
-    hashed, sha256 = [], hashlib.sha256
-    ledger = archive(tmp_path)
-    ledger.saw_all([(f"U-{number}/r", f"{number:064x}") for number in range(200)])
-    before, size = ledger.path.stat(), ledger.path.stat().st_size
-    counted = SimpleNamespace(sha256=lambda data=b"": hashed.append(len(data)) or sha256(data))
-    monkeypatch.setattr(chain_module, "hashlib", counted)
+@pytest.fixture
+def hashed(monkeypatch):
+    """Sizes of what the chain and the ledger hash."""
+    sizes, sha256 = [], hashlib.sha256
+    counted = SimpleNamespace(sha256=lambda data=b"": sizes.append(len(data)) or sha256(data))
+    for module in (chain_module, lines_module):
+        monkeypatch.setattr(module, "hashlib", counted)
+    return sizes
+
+
+def filled(root, runs=200):
+    ledger = archive(root)
+    ledger.saw_all([(f"U-{number}/r", f"{number:064x}") for number in range(runs)])
+    return ledger
+
+
+def older(root, runs):
+    """One of an older bench: each line has the SHA-256 of the whole file before it, the seal is that of the file."""
+    text = json.dumps({"kind": "archive", "id": "a" * 12}) + "\n"
+    for number in range(runs):
+        previous = hashlib.sha256(text.encode()).hexdigest()
+        line = {"kind": "run", "run": f"U-{number}/r", "manifest": "b" * 64, "previous": previous}
+        text += json.dumps(line) + "\n"
+    chain_module.put(root, {"ledger.jsonl": text.encode()})
+    return archive(root)
+
+
+def test_a_run_that_is_registered_adds_a_line_and_no_other_line_is_hashed(tmp_path, hashed):
+    ledger = filled(tmp_path)
+    before = ledger.path.stat()
+    hashed.clear()
     assert ledger.saw("U-200/r", "c" * 64) == {"U-200/r": (202, "c" * 64)}
-    assert size <= sum(hashed) < 1.1 * size
+    assert sum(hashed) < 1000
     assert ledger.path.stat().st_ino == before.st_ino
     assert ledger.saw("U-1/r", "d" * 64) == {"U-1/r": (3, "d" * 64)}
     assert [ledger.seen()[run] for run in ("U-1/r", "U-200/r")] == [(3, "d" * 64), (202, "c" * 64)]
@@ -352,6 +420,57 @@ def test_a_run_that_is_registered_adds_a_line_to_a_ledger_that_is_hashed_once(tm
     assert ledger.saw("U-200/r", "c" * 64) == {"U-200/r": (202, "c" * 64)}
     assert ledger.path.read_bytes() == whole
     assert [*ledger.broken(), *faults(tmp_path)] == []
+
+
+def test_a_ledger_of_an_older_bench_is_hashed_once_and_stays_proven(tmp_path, hashed):
+    ledger = older(tmp_path, 50)
+    assert len(ledger.seen()) == 50
+    ledger.saw("U-50/r", "c" * 64)
+    hashed.clear()
+    ledger.saw("U-51/r", "c" * 64)
+    assert sum(hashed) < 1000
+    assert [*ledger.broken(), *faults(tmp_path)] == []
+    ledger.path.write_text(ledger.path.read_text().replace("U-7/r", "U-8/r"))
+    assert any("continues a file" in fault for fault in ledger.broken())
+    assert any("is not the file that was recorded" in fault for fault in faults(tmp_path))
+    with pytest.raises(InputError, match="is not the file that was recorded"):
+        ledger.saw("U-52/r", "c" * 64)
+
+
+@pytest.mark.parametrize("made", [filled, older])
+@pytest.mark.parametrize("torn", [b"", b'{"kind": "oper', b"\0" * 40 + b"\n"])
+def test_lines_that_a_power_cut_interrupted_are_kept_and_sealed(tmp_path, monkeypatch, capsys, made, torn):
+    """Five lines were being added: two of them are whole, the seal lists none or all."""
+    ledger, write = made(tmp_path, 3), chain_module._write
+    before = ledger.path.read_bytes()
+
+    def cut(folder, known, *, sync=True):
+        if not sync:
+            raise KeyboardInterrupt
+        write(folder, known)
+
+    monkeypatch.setattr(chain_module, "_write", cut)
+    with pytest.raises(KeyboardInterrupt):
+        ledger.append(*({"kind": "operator", "name": f"operator {number}"} for number in range(5)))
+    monkeypatch.setattr(chain_module, "_write", write)
+    added = ledger.path.read_bytes()[len(before) :].splitlines(keepends=True)
+    ledger.path.write_bytes(before + b"".join(added[:2]) + torn)
+    capsys.readouterr()
+    assert [entry["name"] for entry in archive(tmp_path).entries()[3:]] == ["operator 0", "operator 1"]
+    said = capsys.readouterr().err
+    assert (said.count("\n"), "the 2 that are whole are kept" in said) == (1, True)
+    archive(tmp_path).append({"kind": "operator", "name": "Ada"})
+    assert [*ledger.broken(), *faults(tmp_path), capsys.readouterr().err] == [""]
+    assert len(ledger.entries()) == 6
+
+
+def test_lines_that_nobody_was_adding_are_refused(tmp_path):
+    ledger = filled(tmp_path, 3)
+    with ledger.path.open("ab") as file:
+        file.write(b'{"kind": "operator", "name": "Eve"}\n')
+    for attempt in (ledger.entries, lambda: ledger.saw("U-9/r", "a" * 64)):
+        with pytest.raises(InputError, match="is not the file that was recorded"):
+            attempt()
 
 
 def test_a_line_of_the_ledger_that_a_power_cut_left_in_part_is_dropped(tmp_path):

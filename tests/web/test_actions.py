@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 
@@ -74,13 +75,25 @@ def test_a_certificate_is_refused_by_a_sentence_and_a_draft_is_printed(bench):
     assert client.get(f"{run}/certificate?draft=true").content.startswith(b"%PDF-")
 
 
+def stood(**truth):
+    """A run in whose segments the unit stands in a known attitude."""
+    run = ramp_run(**truth)
+    return {**run, "segments": [{**segment, "attitude": "z_up"} for segment in run["segments"]]}
+
+
+def test_other_folders_are_not_looked_through_for_a_run_without_attitudes(tmp_path, monkeypatch):
+    folder = make_run(tmp_path / "out" / "G-1" / "one", **ramp_run())
+    monkeypatch.setattr(Path, "glob", lambda *_: pytest.fail("looked through all folders"))
+    assert whole_of(folder) == folder
+
+
 def test_a_whole_inertial_unit_is_exported_and_certified_by_its_run(tmp_path):
-    folder = make_run(tmp_path / "out" / "SIM-IMU-0042" / "20261121T060000Z_imu_quick", **ramp_run())
+    folder = make_run(tmp_path / "out" / "SIM-IMU-0042" / "20261121T060000Z_imu_quick", **stood())
     whole = tmp_path / "block 7"
     whole.mkdir()
     source = ImuSource(file=f"{folder.name}/means.parquet", sha256=sha256(folder / "means.parquet"))
     imu_record().model_copy(update={"sources": (source,)}).write(whole)
-    other = make_run(tmp_path / "out" / "X" / folder.name, **ramp_run(loop_dph=0.0))
+    other = make_run(tmp_path / "out" / "X" / folder.name, **stood(loop_dph=0.0))
     assert (whole_of(folder), whole_of(other)) == (whole, other)
     verification().write(whole)
     for kind, name in (("laboratory", "simulated"), ("equipment", "simulated_rate_table")):

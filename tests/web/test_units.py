@@ -226,6 +226,25 @@ def test_an_answer_that_takes_long_is_given_as_it_was_and_made_anew_beside_it(tm
     assert shelf.answer("runs", slowly) == stock.Answer({"runs": b"2"}, current=True)
 
 
+def test_many_questions_at_once_are_counted_a_few_at_a_time(tmp_path, counted):
+    _, go_on = counted
+    shelf, begun = stock.Stock(tmp_path), []
+
+    def slowly(registry):
+        begun.append(registry)
+        go_on.wait()
+        return {"runs": 0}
+
+    for number in range(20):
+        with pytest.raises(CountingError):
+            shelf.answer(f"question {number}", slowly)
+    assert sum(thread.name == "stock" for thread in threading.enumerate()) == stock._COUNTING
+    assert len(begun) <= stock._COUNTING
+    go_on.set()
+    ended()
+    assert len(begun) == 20
+
+
 def test_a_server_that_starts_gives_the_last_answer_that_took_long_at_once(tmp_path, counted):
     slowly, go_on = counted
     own = tmp_path / ".web"

@@ -30,6 +30,8 @@ _CELLS = 24
 _TURNING = 0.1
 """Share of the usual rate below which the unit neither heats nor cools."""
 _LEAST_SQUARE = 1e-6
+_LATER_S = 14_400.0
+"""From the end of a run to its unit's use: flicker fades until then, a walk does not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +81,12 @@ class Unit:
 def simulated(way: Way, units: Sequence[Unit], noise: Noise, block_s: float, level: FloatArray) -> FloatArray:
     """Errors over the lot's whole run after this way, of each unit and draw (units, DRAWS) [deg/h RMS].
 
-    `level` are the amplitudes (p,) of a constant of 1 deg/h: the rows of the way have no residual on average.
+    `level` are the amplitudes (p,) of a constant of 1 deg/h.
     """
     white, ratios = noise
     random = np.random.default_rng(1)
-    solved = np.linalg.solve(white * dense(way.time, block_s, ratios), way.columns)
+    among, later = among_rows(way.time, noise, block_s)
+    solved, onto = np.split(np.linalg.solve(among, np.column_stack([way.columns, later])), [-1], axis=1)
     precision = way.columns.T @ solved
     back = (way.time[-1] - way.time)[::-1]
     slow = np.linalg.cholesky(white * dense(back, block_s, ratios, np.full(back.size, _LEAST_SQUARE)))[::-1]
@@ -97,9 +100,15 @@ def simulated(way: Way, units: Sequence[Unit], noise: Noise, block_s: float, lev
         y += slow @ random.normal(size=y.shape) + random.normal(0.0, np.sqrt(white), y.shape)
         gain = np.linalg.solve(np.eye(len(level)) + unit.spread @ precision, unit.spread)
         found = unit.mean[:, None] + gain @ (solved.T @ (y - (way.columns @ unit.mean)[:, None]))
-        found += level[:, None] * (y - way.columns @ found).mean(axis=0)
+        found += level[:, None] * (onto.T @ (y - way.columns @ found))
         errors[row] = np.mean((unit.whole.bias[:, None] - unit.whole.columns @ found) ** 2, axis=0) - white
     return np.sqrt(np.maximum(errors, _LEAST_SQUARE))
+
+
+def among_rows(time_s: FloatArray, noise: Noise, block_s: float) -> tuple[FloatArray, FloatArray]:
+    """Covariance (n, n) of the noise of rows, and theirs (n,) with its slow part when the unit is used [(deg/h)^2]."""
+    both = noise[0] * dense(np.append(time_s, time_s[-1] + _LATER_S), block_s, noise[1])
+    return both[:-1, :-1], both[:-1, -1]
 
 
 def _driven(rates: FloatArray) -> FloatArray:

@@ -4,8 +4,8 @@ Equation: y = X g + e, g ~ N(m, S). X are the columns of the lot's model and, be
 nonlinear parameter (each unit has its own lag), in coordinates in which |g| is the RMS over the lot's whole run. m and
 S are mean and covariance of the lot's units, shrunk (O. Ledoit, M. Wolf, J. Multivar. Anal. 88 (2004) 365) and widened
 by 1 + 1/n. e is the noise that the lot's units show (median): white, flicker and walk. Rows so far give the posterior
-of g; the root of the trace of its covariance is the error to be expected over the whole run [deg/h RMS]. The level is
-the one with which the rows so far have no residual on average, as in a fit.
+of g; the root of the trace of its covariance is the error to be expected over the whole run [deg/h RMS]. A unit is used
+after its run, so the level contains the flicker and walk that are expected then: a walk stays where it ended.
 
 A model leaves something in every unit that it does not know of. So each unit of the lot is taken in turn for a new one:
 cut off after the same time, calibrated by the others, compared with all that was measured of it but its white noise.
@@ -25,12 +25,11 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import Bound
 from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.judging.another_way import Noise, Unit, Way, simulated
+from bench.analysis.judging.another_way import Noise, Unit, Way, among_rows, simulated
 from bench.analysis.judging.likeness import LEAST_UNITS, Cells, Likeness, likeness
 from bench.analysis.judging.lot import by_unit
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.whitening import Ratios
-from bench.analysis.noise.whitening import covariance as dense
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
@@ -217,14 +216,11 @@ class Prior:
     def _posterior(self, rows: Way, count: int, mean: FloatArray, spread: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Amplitudes by the first `count` rows, and their covariance."""
         columns, bias = rows.columns[:count], rows.bias[:count]
-        white, ratios = self.noise
+        among, later = among_rows(rows.time[:count], self.noise, BLOCK_S)
         gain = columns @ spread
-        whole = gain @ columns.T + white * dense(rows.time[:count], BLOCK_S, ratios)
-        solved = np.linalg.solve(whole, np.column_stack([gain, bias - columns @ mean]))
-        amplitudes = mean + gain.T @ solved[:, -1]
-        left = spread - gain.T @ solved[:, :-1]
-        amplitudes = amplitudes + self._level() * float(np.mean(bias - columns @ amplitudes))
-        return amplitudes, left
+        solved = np.linalg.solve(gain @ columns.T + among, np.column_stack([gain, bias - columns @ mean]))
+        amplitudes = mean + gain.T @ solved[:, -1] + self._level() * float(later @ solved[:, -1])
+        return amplitudes, spread - gain.T @ solved[:, :-1]
 
     def _left(self, rows: Way, amplitudes: FloatArray) -> float:
         square = float(np.mean((rows.bias - rows.columns @ amplitudes) ** 2)) - self.noise[0]

@@ -1,29 +1,30 @@
 """The ledger of an archive: what people entered and which runs were seen, one JSON line each, beside the run folders.
 
 `ledger.jsonl` begins with the id of the archive, which a later line may replace where it is a copy; others add
-instruments, operators, lots and runs, and the last line about one of them counts. `previous` of a line is the SHA-256
-of everything before it, and the archive's chain.seal holds that of the whole file. The registry can be made again from
-the ledger and the run folders alone; the order of runs is the one in which they stand here, whatever the clocks of the
-stations said.
+instruments, operators, lots and runs, and the last line about one of them counts. `previous` of a line is the seal of
+everything before it (`bench.record.lines`), and the archive's chain.seal holds that of the whole file. The registry
+can be made again from the ledger and the run folders alone; the order of runs is the one in which they stand here,
+whatever the clocks of the stations said.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
+import mmap
+import os
 import secrets
 import socket
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from pydantic_core import from_json
 
 from bench.base import InputError
-from bench.record import CHAIN, append, chain_of, check, whole_lines
-
-if TYPE_CHECKING:
-    from hashlib import _Hash as Hash
+from bench.record import CHAIN, Lines, append, chain_of, extended, read_lines, seals
 
 FILE = "ledger.jsonl"
 
@@ -54,7 +55,7 @@ class Ledger:
 
     def append(self, *entries: Entry) -> None:
         """Add lines; two programs may do so at the same time. InputError where the file was altered."""
-        append(self.root, FILE, lambda old, before: _more(self.root, old, before, entries))
+        append(self.root, FILE, lambda old: _more(self.root, old, entries))
 
     def entries(self) -> list[Entry]:
         """Every line after the first; InputError with the line number where one is broken."""
@@ -63,16 +64,16 @@ class Ledger:
     def saw(self, path: str, manifest_sha256: str) -> dict[str, tuple[int | None, str]]:
         """Note a run, by its path in the archive, where the ledger does not know it with this manifest; its `seen`.
 
-        The file is read once, and only lines about the run are parsed.
+        Only lines about the run are parsed.
         """
         found: dict[str, tuple[int | None, str]] = {}
 
-        def more(old: bytes, before: Hash) -> bytes:
-            found.update(_seen(self._numbered(old, path)))
+        def more(old: Lines) -> bytes:
+            found.update(_seen(self._about(path)))
             if found.get(path, (None, ""))[1] == manifest_sha256:
                 return b""
-            found[path] = found.get(path, (old.count(b"\n") + 1, ""))[0], manifest_sha256
-            return _more(self.root, old, before, [_run(path, manifest_sha256)])
+            found[path] = found.get(path, (old.count + 1, ""))[0], manifest_sha256
+            return _more(self.root, old, [_run(path, manifest_sha256)])
 
         append(self.root, FILE, more)
         return {path: found[path]}
@@ -101,34 +102,52 @@ class Ledger:
 
     def broken(self) -> Iterator[str]:
         """Lines that do not continue what stands before them; those of older benches continue nothing."""
-        before, chained = hashlib.sha256(), False
-        for number, line in enumerate(self.path.read_bytes().splitlines(keepends=True), 1):
-            previous = _entry(line.decode(errors="replace"), self.path, number).get("previous")
+        chained, known = False, chain_of(self.root)
+        link = None if known is None else known.files.get(FILE)
+        whole = seals(self.path.read_bytes(), None if link is None else link.head)
+        for number, (_, line, before) in enumerate(whole, 1):
+            if not line:
+                break
+            previous = _entry(line, self.path, number).get("previous")
             if previous is None and chained:
                 yield f"{self.path}:{number}: does not say what stands before it, as every line before it does"
-            if previous is not None and previous != before.hexdigest():
-                yield f"{self.path}:{number}: continues a file with the SHA-256 {previous}, not {before.hexdigest()}"
+            if previous is not None and previous != before:
+                yield f"{self.path}:{number}: continues a file with the seal {previous}, not {before}"
             chained = chained or previous is not None
-            before.update(line)
 
-    def _numbered(self, data: bytes, path: str | None = None) -> Iterator[tuple[int, Entry]]:
-        """Lines after the first, with their numbers; those alone that name the path of a run."""
-        if path is None:
-            lines: Iterable[tuple[int, bytes]] = enumerate(data.split(b"\n"), 1)
-        else:
-            lines = ((data.count(b"\n", 0, at) + 1, line) for at, line in _lines(data, json.dumps(path)))
-        for number, line in lines:
+    def _about(self, path: str) -> Iterator[tuple[int, Entry]]:
+        """Lines that name the path of a run, with their numbers."""
+        with _mapped(self.path) as data:
+            for begin, line in reversed([*_lines(data, json.dumps(path))]):
+                number = data[:begin].count(b"\n") + 1
+                yield number, _entry(line, self.path, number)
+
+    def _numbered(self, data: bytes) -> Iterator[tuple[int, Entry]]:
+        """Lines after the first, with their numbers."""
+        for number, line in enumerate(data.split(b"\n"), 1):
             if number > 1 and line.strip():
-                yield number, _entry(line.decode(errors="replace"), self.path, number)
+                yield number, _entry(line, self.path, number)
 
 
-def _lines(data: bytes, text: str) -> Iterator[tuple[int, bytes]]:
-    """Whole lines that hold a text, and where they begin."""
-    at = data.find(text.encode())
-    while at >= 0 and (end := data.find(b"\n", at)) >= 0:
-        begin = data.rfind(b"\n", 0, at) + 1
-        yield begin, data[begin:end]
-        at = data.find(text.encode(), end)
+@contextmanager
+def _mapped(path: Path) -> Iterator[bytes | mmap.mmap]:
+    """The file without reading it; an empty one cannot be mapped."""
+    with path.open("rb") as file:
+        if not os.fstat(file.fileno()).st_size:
+            yield b""
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield data
+
+
+def _lines(data: bytes | mmap.mmap, text: str) -> Iterator[tuple[int, bytes]]:
+    """Whole lines that hold a text, and where they begin; the last one first."""
+    at = len(data)
+    while (at := data.rfind(text.encode(), 0, at)) >= 0:
+        begin, end = data.rfind(b"\n", 0, at) + 1, data.find(b"\n", at)
+        if end >= 0:
+            yield begin, data[begin:end]
+        at = begin
 
 
 def _seen(numbered: Iterable[tuple[int, Entry]]) -> dict[str, tuple[int | None, str]]:
@@ -154,57 +173,41 @@ def archive(root: Path) -> Ledger:
         if not path.exists():
             root.mkdir(parents=True, exist_ok=True)
             first = json.dumps({"kind": "archive", "id": secrets.token_hex(6)}) + "\n"
-            append(root, FILE, lambda old, _: b"" if old else first.encode())
-        data = path.read_bytes()
+            append(root, FILE, lambda old: b"" if old.count else first.encode())
+        with _mapped(path) as data:
+            head = data[: data.find(b"\n") + 1]
+            _, newest = next(_lines(data, '"kind": "archive"'), (0, head))
     except OSError as error:
         raise InputError(f"cannot be read or made: {error.strerror}", path) from None
-    head = data[: data.find(b"\n") + 1]
-    begin = _entry(head.decode(errors="replace"), path, 1)
+    begin = _entry(head, path, 1)
     if begin.get("kind") != "archive" or not isinstance(begin.get("id"), str):
         raise InputError("does not begin with the id of an archive; restore the file", path, 1)
-    *_, (_, newest) = [(0, head), *_lines(data, '"kind": "archive"')]
-    return Ledger(root, str(_entry(newest.decode(errors="replace"), path, 1)["id"]))
+    return Ledger(root, str(_entry(newest, path, 1)["id"]))
 
 
 def _read(root: Path) -> bytes:
-    """The lines of the file; InputError where it is not what the chain lists.
-
-    Other benches may write while this reads: what does not fit is read again until it no longer changes.
-    """
-    data = _content(root)
-    while True:
-        try:
-            check(root, FILE, data)
-            break
-        except InputError:
-            before, data = data, _content(root)
-            if data == before:
-                raise
-    return _proved(root, data)
-
-
-def _proved(root: Path, data: bytes) -> bytes:
-    """The content of the file; InputError where it says that a chain proves it, and there is none."""
-    if b'"previous": ' in data and chain_of(root) is None:
-        raise InputError(f"{CHAIN} beside it, which proves it, is missing; restore it from a backup", root / FILE)
+    """The lines of the file; InputError where it is not what the chain lists, or there is none."""
+    try:
+        data = read_lines(root, FILE)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", root / FILE) from None
+    _refuse_unproven(root, lambda: data)
     return data
 
 
-def _content(root: Path) -> bytes:
-    try:
-        return whole_lines((root / FILE).read_bytes())
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", root / FILE) from None
+def _refuse_unproven(root: Path, read: Callable[[], bytes]) -> None:
+    """InputError where the lines say that a chain proves them, and there is none."""
+    if chain_of(root) is None and b'"previous": ' in read():
+        raise InputError(f"{CHAIN} beside it, which proves it, is missing; restore it from a backup", root / FILE)
 
 
-def _more(root: Path, old: bytes, before: Hash, entries: Sequence[Entry]) -> bytes:
-    """Lines to add to others, of which the SHA-256 is `before`."""
-    _proved(root, old)
-    lines = list[bytes]()
+def _more(root: Path, old: Lines, entries: Sequence[Entry]) -> bytes:
+    """Lines to add to others."""
+    _refuse_unproven(root, old.read)
+    lines, seal = list[bytes](), old.seal
     for entry in entries:
-        line = json.dumps({**entry, "previous": before.hexdigest()}, allow_nan=False).encode() + b"\n"
-        before.update(line)
-        lines.append(line)
+        lines.append(json.dumps({**entry, "previous": seal}, allow_nan=False).encode() + b"\n")
+        seal = extended(seal, lines[-1])
     return b"".join(lines)
 
 
@@ -212,10 +215,10 @@ def _run(path: str, digest: str) -> Entry:
     return {"kind": "run", "run": path, "manifest": digest, "utc": datetime.now(UTC).isoformat(timespec="seconds")}
 
 
-def _entry(line: str, path: Path, number: int) -> Entry:
+def _entry(line: bytes, path: Path, number: int) -> Entry:
     try:
-        entry = json.loads(line)
-    except (ValueError, RecursionError) as error:
+        entry = from_json(line, cache_strings="keys")
+    except ValueError as error:
         raise InputError(f"not a line of JSON ({error}); restore it", path, number) from None
     if not isinstance(entry, dict):
         raise InputError("not a JSON object; restore it", path, number)

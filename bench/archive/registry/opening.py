@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,11 @@ SCHEMA = "0006"
 
 WAIT_S = 60.0
 """How long a station waits while another one writes [s]."""
+
+_AGAIN = "move it away, and make it again with `bench registry rebuild`"
+
+_CHECKED_BYTES = 256 << 20
+"""Size of the largest file whose structure is checked each time that it is opened: some 80,000 runs."""
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _LOCK = 0x6779726F
@@ -50,13 +56,30 @@ class Registry:
         try:
             yield
         except SQLAlchemyError as error:
-            raise InputError(f"registry: {_first_line(error)}", self.url) from error
+            broken = f"; {_AGAIN}" if "malformed" in str(error) else ""
+            raise InputError(f"registry: {_first_line(error)}{broken}", self.url) from error
 
     def inside(self, folder: Path) -> bool:
         """Whether it is a file in this folder, which moves and is copied with it."""
         url = self._engine.url
         own = url.get_backend_name() == "sqlite" and url.database
         return bool(own) and Path(str(own)).resolve().parent == folder.resolve()
+
+    @property
+    def bytes(self) -> int:
+        """Size of an SQLite file; 0 of anything else, or where there is none yet."""
+        url = self._engine.url
+        path = Path(str(url.database))
+        return path.stat().st_size if url.get_backend_name() == "sqlite" and path.is_file() else 0
+
+    def refuse_damaged(self) -> None:
+        """InputError where the structure of an SQLite file is broken."""
+        if not self.bytes:
+            return
+        with self.reading() as connection:
+            said = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
+        if said != "ok":
+            raise InputError(f"registry: is damaged ({str(said).splitlines()[-1]}); {_AGAIN}", self.url)
 
     def close(self) -> None:
         """Close the connections."""
@@ -72,7 +95,7 @@ class Registry:
 def open_registry(where: str | Path, *, checked: bool = False) -> Registry:
     """The registry at a file or URL, made if missing and updated to the schema of this bench.
 
-    `checked`: the structure of an SQLite file is checked first, in some ten milliseconds for ten thousand runs.
+    `checked`: the structure of an SQLite file is checked first, unless it is so large that this takes seconds.
 
     Raises InputError: not reachable, driver missing, not a registry, or a schema newer than this bench.
     """
@@ -84,8 +107,8 @@ def open_registry(where: str | Path, *, checked: bool = False) -> Registry:
         raise InputError(f"registry: {_first_line(error)}{hint}", url.render_as_string()) from None
     registry = Registry(engine)
     try:
-        if checked and url.get_backend_name() == "sqlite":
-            _refuse_damaged(registry)
+        if checked and registry.bytes <= _CHECKED_BYTES:
+            registry.refuse_damaged()
         _bring_up_to_date(registry)
     except BaseException:
         registry.close()
@@ -133,14 +156,6 @@ def _engine(url: URL) -> Engine:
     return engine
 
 
-def _refuse_damaged(registry: Registry) -> None:
-    """InputError where the file's structure is broken."""
-    with registry.reading() as connection:
-        said = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
-    if said != "ok":
-        raise InputError(f"registry: is damaged ({said}); make it again with `bench registry rebuild`", registry.url)
-
-
 def _bring_up_to_date(registry: Registry) -> None:
     with registry.reading() as connection:
         if _schema(connection, registry.url) == SCHEMA:
@@ -158,7 +173,11 @@ def _bring_up_to_date(registry: Registry) -> None:
             command.upgrade(config, "head")
             from bench.archive.registry.summaries import summarise
 
-            summarise(connection)
+            summarise(connection, tell=lambda done, units: _tell(registry.url, done, units))
+
+
+def _tell(url: str, done: int, units: int) -> None:
+    print(f"bench: {url}: is updated once for this bench: {done:,} of {units:,} units", file=sys.stderr, flush=True)
 
 
 def _schema(connection: Connection, url: str) -> str | None:

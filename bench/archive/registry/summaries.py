@@ -6,7 +6,7 @@ that a list of a million units is asked for and not counted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, cast
 
 from sqlalchemy import Connection, delete, func, insert, select
@@ -17,10 +17,14 @@ from bench.record import Verdict
 
 SUMMARIES = cast(SqlTable, Summary.__table__)
 _AT_ONCE = 500
+_TOLD = 50_000
+"""Units that take some seconds."""
 
 
-def summarise(connection: Connection, serials: Iterable[str] | None = None) -> None:
-    """Make the summaries of these units anew, or those of all."""
+def summarise(
+    connection: Connection, serials: Iterable[str] | None = None, tell: Callable[[int, int], None] | None = None
+) -> None:
+    """Make the summaries of these units anew, or those of all; `tell` gets how many are made of how many."""
     every = sorted(connection.execute(select(Unit.serial)).scalars() if serials is None else set(serials))
     for start in range(0, len(every), _AT_ONCE):
         some = every[start : start + _AT_ONCE]
@@ -29,6 +33,8 @@ def summarise(connection: Connection, serials: Iterable[str] | None = None) -> N
         connection.execute(delete(SUMMARIES).where(SUMMARIES.c.serial.in_(some)))
         if rows := _rows(connection, some):
             connection.execute(insert(SUMMARIES), rows)
+        if tell is not None and start % _TOLD == 0 and len(every) > _TOLD:
+            tell(start, len(every))
 
 
 def _rows(connection: Connection, serials: list[str]) -> list[dict[str, Any]]:

@@ -14,7 +14,11 @@ class Link(Stored):
     """One file. Two hashes stand here only while it is being replaced, or where a bench was killed in between."""
 
     sha256: tuple[str | None, ...]
-    """What the file may be; null: absent."""
+    """What the file may be; null: absent. Of a file to which lines are added, the seal of its lines."""
+    head: int | None = None
+    """Bytes at the beginning of such a file that are hashed at once; each further line has its own seal."""
+    lines: int = 0
+    """Of such a file."""
     made_from: dict[str, str] = Field(default_factory=dict)
     """SHA-256 of the files that it was made from, by path."""
     utc: str = ""

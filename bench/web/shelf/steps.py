@@ -13,6 +13,7 @@ from bench.record import (
     FlashRecord,
     ImuRecord,
     ImuVerificationRecord,
+    Manifest,
     VerificationRecord,
     sha256,
 )
@@ -35,8 +36,12 @@ class Steps(BaseModel):
 def whole_of(folder: Path) -> Path:
     """Where a run's calibration is: of a whole inertial unit made from it (the newest), else in its own folder.
 
-    `bench imu --out` names the folder freely; it is found in that of the unit, of all runs, or where that one is.
+    `bench imu --out` names the folder freely; it is found in that of the unit, of all runs, or where that one is. It
+    takes no run without attitudes: for such a run none is looked for, since there may be a million other folders.
     """
+    recorded = sound(Manifest, folder)
+    if recorded is None or not any(segment.attitude for segment in recorded.segments):
+        return folder
     means, places = folder / "means.parquet", list(folder.parents)[:3]
     files = [file for place in places for file in place.glob(f"*/{ImuRecord.FILE}")]
     made = [(*_origin(file.parent, file.stat().st_mtime_ns), file.parent) for file in files]

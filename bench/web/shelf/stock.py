@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
@@ -29,6 +30,8 @@ _KEPT = 32
 """Answers that are kept."""
 _PATIENCE_S = 0.3
 """Longer than this nobody waits for an answer [s]."""
+_COUNTING = 4
+"""Questions without an answer that are counted at a time."""
 _SHARED_S = 5.0
 """How long an answer of a shared registry, whose changes cannot be seen from here, is good for [s]."""
 
@@ -74,7 +77,10 @@ class Stock:
         self._changed = threading.Condition()
         self._answers: LRUCache[str, _Kept] = LRUCache(_KEPT)
         self._asking: set[str] = set()
-        self._newer = threading.Lock()
+        self._due: dict[bool, deque[tuple[str, Callable[[Registry], Parts]]]] = {False: deque(), True: deque()}
+        """Questions to be counted; True: those that have an older answer, of which one is counted at a time."""
+        self._free = {False: _COUNTING, True: 1}
+        """Threads that may be started."""
 
     @property
     def exists(self) -> bool:
@@ -102,9 +108,11 @@ class Stock:
                 return kept.given(current=True)
             if question not in self._asking:
                 self._asking.add(question)
-                # Answers that there are become newer one after the other: the server has other things to do.
-                turn = nullcontext() if kept is None or kept.took_s <= _PATIENCE_S else self._newer
-                threading.Thread(target=self._count, args=(question, ask, turn), name="stock", daemon=True).start()
+                newer = kept is not None and kept.took_s > _PATIENCE_S
+                self._due[newer].append((question, ask))
+                if self._free[newer]:
+                    self._free[newer] -= 1
+                    threading.Thread(target=self._work, args=(newer,), name="stock", daemon=True).start()
             if kept is None or kept.took_s <= _PATIENCE_S:
                 self._changed.wait_for(lambda: question not in self._asking, max(_PATIENCE_S, 0.0))
                 kept = self._answers.get(question, kept)
@@ -112,22 +120,31 @@ class Stock:
                 raise CountingError("all units are being counted; ask again in a second")
             return kept.given(current=question not in self._asking)
 
-    def _count(self, question: str, ask: Callable[[Registry], Parts], turn: AbstractContextManager[Any]) -> None:
-        with turn:
-            begun, state, parts, failed = monotonic(), self._state(), dict[str, bytes](), None
-            try:
-                with self.open() as registry:
-                    parts = {name: to_json(part) for name, part in ask(registry).items()}
-            except BenchError as error:
-                failed = error
-            finally:
-                kept = _Kept(state, monotonic() - begun, parts, failed)
-                with self._changed:
-                    self._answers[question] = kept
-                    self._asking.discard(question)
-                    self._changed.notify_all()
-                if kept.took_s > _PATIENCE_S and failed is None:
-                    self._write(question, kept)
+    def _work(self, newer: bool) -> None:
+        """Count what is due, until nothing is."""
+        while True:
+            with self._changed:
+                if not self._due[newer]:
+                    self._free[newer] += 1
+                    return
+                question, ask = self._due[newer].popleft()
+            self._count(question, ask)
+
+    def _count(self, question: str, ask: Callable[[Registry], Parts]) -> None:
+        begun, state, parts, failed = monotonic(), self._state(), dict[str, bytes](), None
+        try:
+            with self.open() as registry:
+                parts = {name: to_json(part) for name, part in ask(registry).items()}
+        except BenchError as error:
+            failed = error
+        finally:
+            kept = _Kept(state, monotonic() - begun, parts, failed)
+            with self._changed:
+                self._answers[question] = kept
+                self._asking.discard(question)
+                self._changed.notify_all()
+            if kept.took_s > _PATIENCE_S and failed is None:
+                self._write(question, kept)
 
     def _file(self, question: str) -> Path | None:
         name = hashlib.sha256(f"{__version__} {question}".encode()).hexdigest()[:32]
