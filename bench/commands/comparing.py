@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench import archive
 from bench.commands.files import tell_unproven
 from bench.commands.results.analyse import Differs, Replayed
 
@@ -19,7 +20,5 @@ def replay_runs(runs: Sequence[Path], models: Sequence[str], others: Sequence[Pa
 
 def diff(a: Path, b: Path) -> Differs:
     """`bench diff`: only what differs between two runs, worst first."""
-    from bench.archive import difference_of
-
     tell_unproven(a, b)
-    return Differs(difference_of(a, b))
+    return Differs(archive.difference_of(a, b))

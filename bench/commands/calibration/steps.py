@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from bench import deliver
 from bench.acquisition import load_profile
 from bench.analysis import Model, load_limits
 from bench.base import InputError
@@ -105,9 +106,7 @@ def _papers(order: Order, station: StationSettings) -> list[str]:
     """Refuse now what would make the certificate impossible after a day of measurement."""
     papers = order.papers().over(Papers.of_station(station))
     if order.plan.certificate:
-        from bench.deliver import require_typst
-
-        require_typst()
+        deliver.require_typst()
         for lack in lacking(papers.laboratory, papers.equipment, order.path):
             raise lack.error()
     if papers.equipment is None:
