@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench import acquisition, analysis, base, mystery, record
+from bench.commands.replay.replaying import Replay
 from bench.commands.results.result import Result
-
-if TYPE_CHECKING:
-    from bench.commands.replay.replaying import Replay
-
 
 WORST_FIRST = (
     "no_data",
