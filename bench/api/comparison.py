@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench import analysis, commands, deliver
 from bench.analysis import Comparison as Scores
 from bench.api.fits import Fit
 from bench.api.models import ModelLike, fitted_model
@@ -70,12 +71,10 @@ class Comparison:
 
     def plot(self) -> go.Figure:
         """In-sample and held-out error of each model and the noise floor [deg/h]."""
-        from bench.deliver import model_ladder
-
         scores = self.scores.scores
         inside, outside = (np.array(v) for v in zip(*((s.rms_dph, s.held_out.rms_dph) for s in scores), strict=True))
         band = np.array([s.held_out.interval_dph for s in scores])
-        return figure(model_ladder(list(self), inside, outside, band, finite(self.floor.floor_dph)))
+        return figure(deliver.model_ladder(list(self), inside, outside, band, finite(self.floor.floor_dph)))
 
     def summary(self) -> str:
         """Errors of each model and the noise floor, as text."""
@@ -120,16 +119,13 @@ def compare(
 
     Raises InputError: no run, runs of several units, an unknown model, or a model that these runs do not determine.
     """
-    from bench.analysis import compare as scored
-    from bench.commands import DEFAULT_MODELS
-
     chosen, checks = several(runs), several(check)
     if not chosen:
         raise InputError("no run to compare models on")
     floor = floor_of(chosen, static)
-    wanted = [fitted_model(model) for model in (models or DEFAULT_MODELS)]
+    wanted = [fitted_model(model) for model in (models or commands.DEFAULT_MODELS)]
     datasets, unseen = [run.dataset for run in chosen], [run.dataset for run in checks]
-    scores = scored(datasets, wanted, floor.floor_dph, unseen or None, strict=bool(models), lot=lot)
+    scores = analysis.compare(datasets, wanted, floor.floor_dph, unseen or None, strict=bool(models), lot=lot)
     if not scores.scores:
         raise InputError(scores.refused[0][1])
     return Comparison(scores, chosen, checks, static, floor)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from bench import analysis, deliver
 from bench.analysis import Diagnosis as Answer
 from bench.analysis import Model, Place, Proposal, SuspectedEffect
 from bench.api.fits import Fit, fit
@@ -76,10 +77,8 @@ class Diagnosis:
     @cached_property
     def next_experiment(self) -> Proposal | None:
         """The run that would tell apart what these runs cannot; `profile_yaml` is its profile. None: not needed."""
-        from bench.analysis import next_experiment
-
         static = None if self.static is None else self.static.dataset
-        return next_experiment(self.answer, [run.dataset for run in self.runs], static=static)
+        return analysis.next_experiment(self.answer, [run.dataset for run in self.runs], static=static)
 
     def fit(self) -> Fit:
         """The model with what was found, fitted to the same runs."""
@@ -95,15 +94,13 @@ class Diagnosis:
 
     def plot(self, run: Run | None = None) -> go.Figure:
         """What the model leaves in each cell of temperature and its slope, before and after adding what was found."""
-        from bench.deliver import residual_map
-
         shown = self.runs[0] if run is None else run
         if shown not in self.runs:
             raise InputError(f"{shown.name} was not diagnosed; take one of {', '.join(r.name for r in self.runs)}")
         at = self.runs.index(shown)
         before, after = self.answer.residuals[at], self.answer.unexplained_residuals
         left = after[at] if self.found and after else None
-        return figure(residual_map(shown.dataset, before, left, finite(self.floor.floor_dph)))
+        return figure(deliver.residual_map(shown.dataset, before, left, finite(self.floor.floor_dph)))
 
     def summary(self) -> str:
         """Verdict, errors beside the noise floor, where it fails, and the suspects, as text."""
@@ -154,13 +151,11 @@ def diagnose(
 
     Raises InputError: no run, an unknown model, or a model that cannot be fitted.
     """
-    from bench.analysis import diagnose as find
-
     chosen, checks = several(runs), several(check)
     if not chosen:
         raise InputError("no run to diagnose")
     floor = floor_of(chosen, static)
-    answer = find(
+    answer = analysis.diagnose(
         [run.dataset for run in chosen],
         fitted_model(model),
         check=[run.dataset for run in checks],

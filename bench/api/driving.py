@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition, commands
 from bench.api.runs import Run, open_folder
 from bench.base import InputError
 
@@ -31,10 +32,7 @@ def run(
     equipment failed; the safe state is reached first, or its failure is said. A run that was ended keeps its data: the
     exception's note names the folder, which `bench.open` opens.
     """
-    from bench.acquisition import run_job
-    from bench.commands import Task, job_of
-
-    job = job_of(Path(profile), _path(station), Task([] if unit is None else [unit], {}, Path(out)))
+    job = commands.job_of(Path(profile), _path(station), commands.Task([] if unit is None else [unit], {}, Path(out)))
     serials = [own.serial for own in job.station.units]
     if unit is None and len(serials) > 1:
         raise InputError(
@@ -45,7 +43,7 @@ def run(
         if onlooker is not None:
             onlooker(status)
 
-    ended = run_job(job, look)
+    ended = acquisition.run_job(job, look)
     if ended.error is not None:
         ended.error.add_note(f"what was recorded until then: {ended.run.path}")
         raise ended.error
@@ -58,9 +56,7 @@ def check(profile: str | Path, station: str | Path | None = None) -> dict[str, A
     `duration_s` [s] and `segments` are those of a rehearsal on the chamber's model, `disk_bytes` what a run will need,
     `findings` what is doubtful. Raises InputError where the station cannot run the profile.
     """
-    from bench.commands import check as rehearse
-
-    return rehearse(Path(profile), _path(station)).to_json()
+    return commands.check(Path(profile), _path(station)).to_json()
 
 
 def _path(file: str | Path | None) -> Path | None:

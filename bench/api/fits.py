@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bench import analysis, deliver
 from bench.analysis import Coefficient, Effect, HeldOut, Model, Prediction, Score
 from bench.analysis import Fit as Estimate
 from bench.api.models import ModelLike, add, fitted_model
@@ -83,12 +84,10 @@ class Fit:
     @cached_property
     def score(self) -> Score:
         """The same model as `bench.compare` scores it: on blocks and segments left out, and segment by segment."""
-        from bench.analysis import compare
-
         if self._scored is not None:
             return self._scored
         datasets, checks = [run.dataset for run in self.runs], [run.dataset for run in self.check]
-        return compare(datasets, [self.model], self.floor.floor_dph, checks or None).scores[0]
+        return analysis.compare(datasets, [self.model], self.floor.floor_dph, checks or None).scores[0]
 
     @property
     def held_out(self) -> HeldOut:
@@ -145,15 +144,13 @@ class Fit:
 
         The band around zero is the noise floor.
         """
-        from bench.deliver import compensation, over_temperature
-
         shown = self.runs[0] if run is None else run
         data, floor_dph = shown.dataset, finite(self.floor.floor_dph)
         modelled = self.estimate.predict(data).bias
         if over == "time":
-            return figure(compensation(data, modelled, self.model.name, floor_dph))
+            return figure(deliver.compensation(data, modelled, self.model.name, floor_dph))
         rows = np.ones(len(data), dtype=bool)
-        return figure(over_temperature(data, modelled, self.model.name, floor_dph, rows))
+        return figure(deliver.over_temperature(data, modelled, self.model.name, floor_dph, rows))
 
     def summary(self) -> str:
         """Effects, errors beside the noise floor, coefficients with standard deviations, validity and warnings."""
@@ -202,14 +199,12 @@ def fit(runs: Runs, model: ModelLike, *, check: Runs = (), static: Run | None = 
     >>> round(straight.coefficients["polynomial.a1"].value, 3)  # [deg/h/degC]
     0.5
     """
-    from bench.analysis import fit_model
-
     chosen = several(runs)
     if not chosen:
         raise InputError("no run to fit a model to")
     datasets = [run.dataset for run in chosen]
     refuse_mixed(datasets)
-    estimate = fit_model(fitted_model(model), datasets)
+    estimate = analysis.fit_model(fitted_model(model), datasets)
     return Fit(estimate, chosen, several(check), static)
 
 

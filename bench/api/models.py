@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, Union
 
+from bench import analysis
 from bench.analysis import CatalogueEntry, Effect, Model
 from bench.base import CHANNELS, Channel, InputError
 
@@ -49,11 +50,9 @@ def add(effect: str | Effect, model: ModelLike, **options: object) -> Model:
     >>> bench.add("thermal_lag", "polynomial").name
     'polynomial + thermal_lag'
     """
-    from bench.analysis import add_effect
-
     base = fitted_model(model)
     if isinstance(effect, str):
-        return add_effect(base, effect, options)
+        return analysis.add_effect(base, effect, options)
     return base.adding(effect)
 
 
@@ -64,9 +63,7 @@ def effects() -> tuple[CatalogueEntry, ...]:
     >>> [effect.name for effect in bench.effects()][:3]
     ['polynomial', 'regression', 'spline']
     """
-    from bench.analysis import catalogue
-
-    return catalogue()
+    return analysis.catalogue()
 
 
 def channels() -> tuple[Channel, ...]:

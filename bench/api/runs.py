@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from bench import acquisition, analysis, commands, deliver, record
 from bench.api.models import ModelLike, fitted_model
 from bench.api.words import floor_text, html, no_xarray
 from bench.base import CHANNELS, clock, number
@@ -58,9 +59,7 @@ class Run:
 
         `floor.floor_dph` is NaN and `floor.reason` says why where the record never stands still.
         """
-        from bench.analysis import noise_floor
-
-        return noise_floor([self.seconds], self.interval_s)
+        return analysis.noise_floor([self.seconds], self.interval_s)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -130,9 +129,10 @@ class Run:
     def plot(self, over: Over = "temperature") -> go.Figure:
         """Bias [deg/h] over temperature, coloured by time; or bias and temperature over "time"."""
         from bench.api.words import figure
-        from bench.deliver import loop_figure, measured_figure
 
-        return figure(loop_figure(self.dataset) if over == "temperature" else measured_figure(self.dataset))
+        return figure(
+            deliver.loop_figure(self.dataset) if over == "temperature" else deliver.measured_figure(self.dataset)
+        )
 
     def summary(self) -> str:
         """Name, length, ranges of the channels, segments and noise floor, as text."""
@@ -179,12 +179,10 @@ def several(runs: Runs) -> tuple[Run, ...]:
 
 def floor_of(runs: Sequence[Run], static: Run | None) -> Floor:
     """Noise floor of the means of these runs."""
-    from bench.analysis import noise_floor
-
     if static is None and len(runs) == 1:
         return runs[0].floor
     fine = [run.seconds for run in runs]
-    return noise_floor(fine, runs[0].interval_s, None if static is None else static.seconds)
+    return analysis.noise_floor(fine, runs[0].interval_s, None if static is None else static.seconds)
 
 
 def open(
@@ -223,22 +221,23 @@ def open(
 
 def open_folder(folder: Path, interval_s: float = DEFAULT_INTERVAL_S) -> Run:
     """The run in a folder; one whose bench was killed is recovered from its journals first."""
-    from bench.commands import recover
-    from bench.record import load
-
-    path = recover(folder).path
+    path = commands.recover(folder).path
 
     def read(wanted_s: float) -> Dataset:
-        return load(path, wanted_s)
+        return record.load(path, wanted_s)
 
-    return Run(load(path, interval_s).name, interval_s, path, 1.0, read)
+    return Run(record.load(path, interval_s).name, interval_s, path, 1.0, read)
 
 
 def _foreign(source: Any, columns: Any, units: Mapping[str, str], dbc: str | Path | None) -> Dataset:
-    from bench.acquisition import ColumnMap, column_map, load_columns, plan_table, read_table, table_of
-
-    stated = load_columns(columns) if isinstance(columns, str | Path) else None
+    stated = acquisition.load_columns(columns) if isinstance(columns, str | Path) else None
     encoding = None if stated is None else stated.encoding
-    table = read_table(source, dbc, encoding=encoding) if isinstance(source, str | Path) else table_of(source)
-    chosen: ColumnMap = stated or column_map(table, {} if isinstance(columns, str | Path) else columns or {}, units)
-    return plan_table(table, chosen, "unknown").dataset()
+    table = (
+        acquisition.read_table(source, dbc, encoding=encoding)
+        if isinstance(source, str | Path)
+        else acquisition.table_of(source)
+    )
+    chosen: acquisition.ColumnMap = stated or acquisition.column_map(
+        table, {} if isinstance(columns, str | Path) else columns or {}, units
+    )
+    return acquisition.plan_table(table, chosen, "unknown").dataset()

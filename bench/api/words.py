@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from bench import deliver
 from bench.base import InputError, finite, number
 
 if TYPE_CHECKING:
@@ -40,12 +41,10 @@ def text_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 def html(title: str, caption: str, head: Sequence[str], rows: Sequence[Sequence[object]], *notes: str) -> str:
     """A sentence, a table (none without rows) and notes below it as HTML, all text escaped."""
-    from bench.deliver import paragraph, table
-
-    parts = [paragraph(title)]
+    parts = [deliver.paragraph(title)]
     if rows:
-        parts.append(table(caption, head, rows, numeric=range(1, len(head))))
-    return "".join([*parts, *(paragraph(note) for note in notes if note)])
+        parts.append(deliver.table(caption, head, rows, numeric=range(1, len(head))))
+    return "".join([*parts, *(deliver.paragraph(note) for note in notes if note)])
 
 
 def figure(plot: Plot) -> go.Figure:

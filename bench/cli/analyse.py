@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from bench import commands
 from bench.cli import completion
 from bench.cli.options import (
     answers,
@@ -27,9 +28,6 @@ from bench.cli.options import (
     unseen_options,
 )
 
-if TYPE_CHECKING:
-    from bench.commands import Result
-
 
 @click.command()
 @runs_argument
@@ -40,10 +38,8 @@ if TYPE_CHECKING:
 @click.option("--lot", is_flag=True, help="One fit to runs of several units, which are refused otherwise.")
 @output_option
 @answers
-def compare(every_sample: bool, check_runs: tuple[Path, ...], **options: Any) -> Result:
+def compare(every_sample: bool, check_runs: tuple[Path, ...], **options: Any) -> commands.Result:
     """Compare models with the measurement: in-sample and held-out error of each, and the noise floor."""
-    from bench import commands
-
     compare = commands.compare_every_sample if every_sample else commands.compare
     return compare(check=check_runs, **options)
 
@@ -52,13 +48,11 @@ def compare(every_sample: bool, check_runs: tuple[Path, ...], **options: Any) ->
 @runs_argument
 @output_option
 @answers
-def noise(runs: tuple[Path, ...], output: str | None) -> Result:
+def noise(runs: tuple[Path, ...], output: str | None) -> commands.Result:
     """The noise of RUN where its temperature stands still: Allan deviation, N, B, K, Q and R with 95 % intervals.
 
     A record of some hours at one temperature (profiles/static_25.yaml) tells B and K; the soaks of a ramp mostly N.
     """
-    from bench import commands
-
     return commands.noise(runs, output)
 
 
@@ -73,7 +67,7 @@ def noise(runs: tuple[Path, ...], output: str | None) -> Result:
 @output_option
 @answers
 @registers(begin=False)
-def report(run_folder: Path, figures: Path | None, check_runs: tuple[Path, ...], **options: Any) -> Result:
+def report(run_folder: Path, figures: Path | None, check_runs: tuple[Path, ...], **options: Any) -> commands.Result:
     """Analyse RUN again and write its report; a killed run is recovered from its journals first.
 
     A unit with several rates gets a report of each, in a run folder of its own beside RUN: RUN_rate_x and so on.
@@ -81,8 +75,6 @@ def report(run_folder: Path, figures: Path | None, check_runs: tuple[Path, ...],
     The diagnosis is repeated with the given --static, --sister and --check runs and saved as diagnosis.json. An earlier
     one that used more runs is kept as diagnosis-before.json, and the report states this.
     """
-    from bench import commands
-
     if figures is not None:
         if check_runs or options.pop("sisters") or options.pop("limits") is not None:
             raise click.UsageError("--figures draws the run and its models; it takes no --check, --sister or --limits")
@@ -98,10 +90,8 @@ def report(run_folder: Path, figures: Path | None, check_runs: tuple[Path, ...],
 @path_option("--with", "others", multiple=True, help="Further run of its analysis.")
 @effect_option
 @answers
-def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> Result:
+def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, ...]) -> commands.Result:
     """Recompute the numbers of each RUN from its raw frames, and list differences; exit code 1 if a bit differs."""
-    from bench import commands
-
     return commands.replay_runs(runs, models, others)
 
 
@@ -110,10 +100,8 @@ def replay(runs: tuple[Path, ...], models: tuple[str, ...], others: tuple[Path, 
 @path_argument("b", metavar="B")
 @effect_option
 @answers
-def diff(a: Path, b: Path) -> Result:
+def diff(a: Path, b: Path) -> commands.Result:
     """List differences between the runs A and B, of one unit or of two: settings, coefficients, residuals, curves."""
-    from bench import commands
-
     return commands.diff(a, b)
 
 
@@ -130,10 +118,8 @@ def diff(a: Path, b: Path) -> Result:
 @out_option
 @answers
 @registers(begin=True)
-def import_(out: Path, preview: bool, **options: Any) -> Result:
+def import_(out: Path, preview: bool, **options: Any) -> commands.Result:
     """Make a run folder from a FILE of another program: CSV, XLSX, Parquet, MF4, TDMS, ULog, HDF5, BLF or ASC."""
-    from bench import commands
-
     return commands.import_table(out=None if preview else out, **options)
 
 
@@ -152,10 +138,8 @@ def import_(out: Path, preview: bool, **options: Any) -> Result:
 @output_option
 @answers
 @registers(begin=False)
-def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
+def diagnose(check_runs: tuple[Path, ...], **options: Any) -> commands.Result:
     """Find where the model fails, which physical effect is missing, and which experiment would show it."""
-    from bench import commands
-
     return commands.diagnose(check=check_runs, **options)
 
 
@@ -171,10 +155,8 @@ def diagnose(check_runs: tuple[Path, ...], **options: Any) -> Result:
 @quiet_option
 @answers
 @registers(begin=True)
-def decide(check_runs: tuple[Path, ...], **options: Any) -> Result:
+def decide(check_runs: tuple[Path, ...], **options: Any) -> commands.Result:
     """Diagnose, run the profile that the diagnosis proposes, and diagnose all runs together, until it is decided."""
-    from bench import commands
-
     return commands.decide(check=check_runs, **options)
 
 
@@ -184,14 +166,12 @@ def decide(check_runs: tuple[Path, ...], **options: Any) -> Result:
 @path_option("--out", required=True, help="The new model file.")
 @effect_option
 @answers
-def add(effect: tuple[str, ...], model: str, out: Path) -> Result:
+def add(effect: tuple[str, ...], model: str, out: Path) -> commands.Result:
     """Write a model with one more EFFECT, or several; `bench compare` then shows whether the error decreases.
 
     EFFECT is a name of `bench effects`, a formula such as "k * dT_dt * quadrature", or what `bench diagnose` writes of
     a formula that it found.
     """
-    from bench import commands
-
     return commands.add(effect, model, out)
 
 
@@ -200,10 +180,8 @@ def add(effect: tuple[str, ...], model: str, out: Path) -> Result:
 @click.argument("name", required=False, shell_complete=completion.effects)
 @effect_option
 @answers
-def effects(action: str, name: str | None) -> Result:
+def effects(action: str, name: str | None) -> commands.Result:
     """List the physical effects; `show NAME` explains and draws one."""
-    from bench import commands
-
     if (action == "show") != (name is not None):
         raise click.UsageError("`bench effects` lists all, `bench effects show NAME` explains one")
     return commands.effects() if name is None else commands.show_effect(name)
@@ -222,10 +200,8 @@ def improve(
     static: Path | None,
     model: str,
     out: Path | None,
-) -> Result:
+) -> commands.Result:
     """Improve the model unattended: diagnose, add, test on unseen data, until the error decreases no further."""
-    from bench import commands
-
     return commands.improve(runs, check_runs, static, model, out)
 
 
@@ -236,10 +212,8 @@ def improve(
 )
 @path_option("--out", default=Path("mystery"), show_default=True, help="Folder of the runs and the envelope.")
 @answers
-def mystery(seed: int | None, count: int, out: Path) -> Result:
+def mystery(seed: int | None, count: int, out: Path) -> commands.Result:
     """Record a simulated unit with hidden effects: a run, a check run and an isothermal run."""
-    from bench import commands
-
     return commands.mystery(seed, count, out)
 
 
@@ -248,10 +222,8 @@ def mystery(seed: int | None, count: int, out: Path) -> Result:
 @model_argument
 @effect_option
 @answers
-def reveal(folder: Path, model: str) -> Result:
+def reveal(folder: Path, model: str) -> commands.Result:
     """Open the envelope of a mystery in FOLDER and score your model against the truth."""
-    from bench import commands
-
     return commands.reveal(folder, model)
 
 
@@ -272,7 +244,7 @@ def imu(
     unit: str,
     calibration: Path | None,
     limits: Path | None,
-) -> Result:
+) -> commands.Result:
     """Calibrate a whole inertial unit: three gyros and three accelerometers over temperature.
 
     SOURCES are run folders, which know their attitudes, or one table with --plan. A table has the channels time,
@@ -280,8 +252,6 @@ def imu(
     place or the model of an axis are not as they should be, or, with --verify, where the calibration is outside its
     limits.
     """
-    from bench import commands
-
     if calibration is not None:
         if out is not None or unit:
             raise click.UsageError("--verify calibrates nothing: leave out --out and --unit")

@@ -10,6 +10,8 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
+from bench import analysis, base
+
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
@@ -27,27 +29,21 @@ def _completing(known: Callable[[click.Context], Iterable[str]], files: bool = F
 
 
 def _models(_: click.Context) -> Iterable[str]:
-    from bench.base import library
-
-    folders = Path("profiles/models"), library() / "models"
+    folders = Path("profiles/models"), base.library() / "models"
     return [file.stem for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")]
 
 
 def _effects(_: click.Context) -> Iterable[str]:
-    from bench.analysis import effect_names
-
-    return effect_names()
+    return analysis.effect_names()
 
 
 def _units(context: click.Context) -> Iterable[str]:
     """Those of the station, and those that have runs."""
-    from bench.base import library, read_yaml
-
     given: dict[str, Any] = context.params
     out, station = given.get("out") or Path("reports"), given.get("station")
     if out.is_dir():
         yield from (folder.name for folder in out.iterdir() if folder.is_dir() and not folder.name.startswith("."))
-    content = read_yaml(station or library() / "stations" / "simulated.yaml").content
+    content = base.read_yaml(station or base.library() / "stations" / "simulated.yaml").content
     yield from (str(unit["serial"]) for unit in content["units"])
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from bench import commands, deliver
 from bench.cli import completion
 from bench.cli.options import (
     UNIT,
@@ -22,9 +23,6 @@ from bench.cli.options import (
     run_argument,
     station_option,
 )
-
-if TYPE_CHECKING:
-    from bench.commands import Result
 
 
 def _address(context: click.Context, parameter: click.Parameter, text: str) -> int:
@@ -58,15 +56,12 @@ def _address(context: click.Context, parameter: click.Parameter, text: str) -> i
 @output_option
 @path_option("--out", help="Folder of the files; default: export in the run folder.")
 @answers
-def export(run_folder: Path, format_: str, output: str | None, out: Path | None, **options: Any) -> Result:
+def export(run_folder: Path, format_: str, output: str | None, out: Path | None, **options: Any) -> commands.Result:
     """Write the calibration of RUN for its unit: C code, EEPROM image, hex files; worst error of each embedded form.
 
     RUN may be the calibration of an inertial unit (folder or imu.json of `bench imu --out`): all its axes in one image.
     """
-    from bench import commands
-    from bench.deliver import ExportOptions
-
-    return commands.export(run_folder, format_, ExportOptions(**options), out, output)
+    return commands.export(run_folder, format_, deliver.ExportOptions(**options), out, output)
 
 
 @click.command()
@@ -94,13 +89,11 @@ def export(run_folder: Path, format_: str, output: str | None, out: Path | None,
 @path_option("--trust", multiple=True, help="With --verify: certificate of a laboratory or its authority (PEM).")
 @answers
 @registers(begin=False, pass_on=True)
-def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Result:
+def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> commands.Result:
     """Write the certificate of RUN as signed PDF and XML; refused without sufficient evidence. Or verify one.
 
     RUN may be the folder of an inertial unit's calibration (`bench imu --out`).
     """
-    from bench import commands
-
     names = ("verify", "trust", "withdraw", "archive", "registry")
     verify, trust, withdraw, archive, where = (options.pop(name) for name in names)
     output = options.pop("output")
@@ -135,10 +128,8 @@ def certificate(run_folder: Path | None, out: Path | None, **options: Any) -> Re
 @out_option
 @quiet_option
 @answers
-def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
+def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: Any) -> commands.Result:
     """Write a calibration to UNIT: other bank, read back, CRC, switch, reset, read again; the old one is kept."""
-    from bench import commands
-
     return commands.flash(unit, station, commands.FlashOptions(**options), out, quiet)
 
 
@@ -151,10 +142,10 @@ def flash(unit: str, station: Path | None, out: Path, quiet: bool, **options: An
 @quiet_option
 @answers
 @registers(begin=True)
-def verify(profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool) -> Result:
+def verify(
+    profile: Path, serial: str, station: Path | None, limits: Path | None, out: Path, quiet: bool
+) -> commands.Result:
     """Run PROFILE with the unit's correction on, and judge the residual error; nothing is fitted."""
-    from bench import commands
-
     return commands.verify(profile, serial, station, limits, out, quiet)
 
 
@@ -175,9 +166,7 @@ def verify(profile: Path, serial: str, station: Path | None, limits: Path | None
 @registers(begin=True)
 def calibrate(
     serials: tuple[str, ...], plan: Path, station: Path | None, out: Path, quiet: bool, operator: str, **options: Any
-) -> Result:
+) -> commands.Result:
     """Calibrate units: check, run, fit, diagnose, flash, verify, certificate; continues an interrupted job."""
-    from bench import commands
-
     orders = commands.Order.load_all(plan, station, serials, out, quiet)
     return commands.calibrate_units([replace(order, operator=operator) for order in orders], **options)

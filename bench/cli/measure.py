@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from bench import acquisition, commands
 from bench.cli import completion
 from bench.cli.options import (
     UNIT,
@@ -24,10 +25,6 @@ from bench.cli.options import (
     registers,
     station_option,
 )
-
-if TYPE_CHECKING:
-    from bench.acquisition import Served
-    from bench.commands import Result
 
 
 @click.command()
@@ -52,12 +49,10 @@ if TYPE_CHECKING:
 @path_option("--junit", help="Write JUnit XML here: segments, verdict and limits as test cases.")
 @answers
 @registers(begin=True, pass_on=True)
-def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> Result:
+def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: Any) -> commands.Result:
     """Run PROFILE: drive the chamber, capture the units, fit the models, write the reports."""
     if sys.stderr.isatty() and not quiet:  # at once: what follows takes a while to load
         click.echo(f"{profile}: checking, then opening the station", err=True)
-    from bench import commands
-
     return commands.run_profile(profile, station, commands.RunOptions(**options), out, quiet)
 
 
@@ -65,20 +60,16 @@ def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: 
 @path_argument("profile")
 @station_option
 @answers
-def check(profile: Path, station: Path | None) -> Result:
+def check(profile: Path, station: Path | None) -> commands.Result:
     """Check PROFILE before anything moves: duration, segments, findings."""
-    from bench import commands
-
     return commands.check(profile, station)
 
 
 @click.command()
 @live_options
 @answers
-def status(run_folder: Path | None, out: Path, server: str | None) -> Result:
+def status(run_folder: Path | None, out: Path, server: str | None) -> commands.Result:
     """Show the state of a live RUN; without RUN: of all live runs."""
-    from bench import commands
-
     if server:
         return commands.server_status(commands.server_at(server), run_folder)
     return commands.status(run_folder, out)
@@ -87,7 +78,7 @@ def status(run_folder: Path | None, out: Path, server: str | None) -> Result:
 @click.command()
 @live_options
 @answers
-def hold(run_folder: Path | None, out: Path, server: str | None) -> Result:
+def hold(run_folder: Path | None, out: Path, server: str | None) -> commands.Result:
     """Hold a live RUN at once, at the current temperature; without RUN: the only one."""
     return _act("hold", run_folder, out, server)
 
@@ -95,15 +86,13 @@ def hold(run_folder: Path | None, out: Path, server: str | None) -> Result:
 @click.command()
 @live_options
 @answers
-def pause(run_folder: Path | None, out: Path, server: str | None) -> Result:
+def pause(run_folder: Path | None, out: Path, server: str | None) -> commands.Result:
     """Hold a live RUN after its current segment; without RUN: the only one."""
     return _act("pause", run_folder, out, server)
 
 
-def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> Result:
+def _act(action: str, run_folder: Path | None, out: Path, server: str | None) -> commands.Result:
     """Request an action of a live run, through a server if one is named."""
-    from bench import commands
-
     if server:
         return commands.server_act(commands.server_at(server), action, run_folder)
     return commands.act_on_run(action, run_folder, out)
@@ -116,22 +105,20 @@ def _act(action: str, run_folder: Path | None, out: Path, server: str | None) ->
 @quiet_option
 @answers
 @registers(begin=True)
-def resume(run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool) -> Result:
+def resume(
+    run_folder: Path | None, station: Path | None, out: Path, server: str | None, quiet: bool
+) -> commands.Result:
     """Continue a live RUN that holds, or a RUN whose bench was killed, from the end of its journals."""
     if server:
         return _act("resume", run_folder, out, server)
-    from bench import commands
-
     return commands.resume(run_folder, station, out, quiet)
 
 
 @click.command()
 @live_options
 @answers
-def abort(run_folder: Path | None, out: Path, server: str | None) -> Result:
+def abort(run_folder: Path | None, out: Path, server: str | None) -> commands.Result:
     """End a live RUN and report the safe state; does not ask for confirmation. Without RUN: the only one."""
-    from bench import commands
-
     if server:
         return commands.server_abort(commands.server_at(server), run_folder)
     return commands.abort(run_folder, out)
@@ -145,10 +132,8 @@ def queue() -> None:
 @queue.command("list")
 @queue_option
 @answers
-def queue_list(server: str) -> Result:
+def queue_list(server: str) -> commands.Result:
     """List what waits, first what is next."""
-    from bench import commands
-
     return commands.server_queue(commands.server_at(server))
 
 
@@ -157,10 +142,8 @@ def queue_list(server: str) -> Result:
 @click.argument("place", type=click.IntRange(1, 1000))
 @queue_option
 @answers
-def queue_move(start: str, place: int, server: str) -> Result:
+def queue_move(start: str, place: int, server: str) -> commands.Result:
     """Move START (its id, or the unit that it is for) to a PLACE of the queue; 1 is next."""
-    from bench import commands
-
     return commands.server_move(commands.server_at(server), start, place)
 
 
@@ -168,20 +151,16 @@ def queue_move(start: str, place: int, server: str) -> Result:
 @click.argument("start")
 @queue_option
 @answers
-def queue_drop(start: str, server: str) -> Result:
+def queue_drop(start: str, server: str) -> commands.Result:
     """Take START (its id, or the unit that it is for) out of the queue."""
-    from bench import commands
-
     return commands.server_drop(commands.server_at(server), start)
 
 
 @click.command()
 @path_argument("folder")
 @answers
-def init(folder: Path) -> Result:
+def init(folder: Path) -> commands.Result:
     """Copy the shipped profiles, stations and models to FOLDER/profiles, for you to edit."""
-    from bench import commands
-
     return commands.init(folder)
 
 
@@ -192,14 +171,14 @@ def init(folder: Path) -> Result:
 @click.option("--speed", type=click.FloatRange(0.01, 1000.0), default=1.0, show_default=True, help="Times wall time.")
 @path_option("--write-station", help="Write a station file for it here.")
 @answers
-def sim(station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None) -> Result:
+def sim(
+    station: Path | None, modbus_port: int, can_port: int, speed: float, write_station: Path | None
+) -> commands.Result:
     """Serve the simulated station on 127.0.0.1 until Ctrl-C: Modbus TCP, and CAN as python-can's `loopcan`."""
-    from bench import commands
-
     return commands.sim(station, (modbus_port, can_port), speed, write_station, _ready)
 
 
-def _ready(served: Served) -> None:
+def _ready(served: acquisition.Served) -> None:
     """Print the addresses of the servers."""
     port, map_ = served.station.modbus_port, served.settings.chamber.map
     click.echo(f"chamber  Modbus TCP 127.0.0.1:{port} ({map_})", err=True)
@@ -217,10 +196,10 @@ def _ready(served: Served) -> None:
 @path_option("--propose", help="Instead: listen to units that nobody described, and write their mapping to this file.")
 @click.option("--notify", is_flag=True, help="Instead: send a trial to everybody whom the station tells of its runs.")
 @answers
-def doctor(station: Path | None, listen_s: float, contract: bool, propose: Path | None, notify: bool) -> Result:
+def doctor(
+    station: Path | None, listen_s: float, contract: bool, propose: Path | None, notify: bool
+) -> commands.Result:
     """Read the identity of the equipment of STATION and compare it with the file; writes nothing to it."""
-    from bench import commands
-
     if notify:
         return commands.try_notices(station)
     if propose is not None:

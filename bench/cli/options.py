@@ -8,16 +8,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import click
 
+from bench import analysis, commands
 from bench.base import BenchError, is_run_id
 from bench.cli import completion
 from drivers.errors import DriverError
-
-if TYPE_CHECKING:
-    from bench.commands import Result
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout, nothing else.")
 C = TypeVar("C", bound=Callable[..., Any])
@@ -32,9 +30,7 @@ class AtCentre:
 
     def folder(self) -> Path:
         """The folder on this computer."""
-        from bench.commands import archive_of_centre, run_of_centre
-
-        return run_of_centre(self.text) if self.run else archive_of_centre(self.text)
+        return commands.run_of_centre(self.text) if self.run else commands.archive_of_centre(self.text)
 
 
 class RunPath(click.Path):
@@ -148,7 +144,7 @@ live_options = together(
 class Registered:
     """A result whose runs were registered; `warning` is the error if that failed."""
 
-    result: Result
+    result: commands.Result
     warning: str
 
     @property
@@ -159,20 +155,18 @@ class Registered:
 
 def registers(
     begin: bool, pass_on: bool = False
-) -> Callable[[Callable[..., Result]], Callable[..., Result | Registered]]:
+) -> Callable[[Callable[..., commands.Result]], Callable[..., commands.Result | Registered]]:
     """Register the runs of a command's result.
 
     `begin`: create a missing registry; `pass_on`: give the command the registry as `registry`.
     """
 
-    def decorate(command: Callable[..., Result]) -> Callable[..., Result | Registered]:
+    def decorate(command: Callable[..., commands.Result]) -> Callable[..., commands.Result | Registered]:
         @registry_option
         @wraps(command)
-        def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> Result | Registered:
-            from bench.commands import register_runs
-
+        def wrapped(*args: Any, where: str | None = None, **kwargs: Any) -> commands.Result | Registered:
             result = command(*args, **kwargs, **({"registry": where} if pass_on else {}))
-            warning = register_runs(result.runs, where, begin)
+            warning = commands.register_runs(result.runs, where, begin)
             return result if warning is None else Registered(result, warning)
 
         return wrapped
@@ -180,18 +174,16 @@ def registers(
     return decorate
 
 
-def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
+def answers(command: Callable[..., commands.Result | Registered]) -> Callable[..., None]:
     """Give a command `--json` and print its result; user-defined effects are loaded first."""
 
     @json_option
     @wraps(command)
     def wrapped(*args: Any, as_json: bool, own_effects: tuple[str, ...] = (), **kwargs: Any) -> None:
-        def work() -> Result | Registered:
+        def work() -> commands.Result | Registered:
             if own_effects:
-                from bench.analysis import load_effect
-
                 for spec in own_effects:
-                    load_effect(spec)
+                    analysis.load_effect(spec)
             return command(*args, **fetched(kwargs))
 
         answer(work, as_json)
@@ -199,7 +191,7 @@ def answers(command: Callable[..., Result | Registered]) -> Callable[..., None]:
     return wrapped
 
 
-def answer(work: Callable[[], Result | Registered], as_json: bool) -> NoReturn:
+def answer(work: Callable[[], commands.Result | Registered], as_json: bool) -> NoReturn:
     """Print a result and end with its exit code. An error of another class is a bug and shows its traceback."""
     with exits(as_json):
         result = work()

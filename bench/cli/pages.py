@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bench import web
 from bench.base import InputError
 from bench.cli.options import exits, fetched, path_option, shelf_options
 
@@ -50,19 +51,15 @@ def _check_address(behind: str) -> None:
 
 
 def _new_token(access: Path | None, name: str, role: Role | None) -> str:
-    from bench.web import add_person
-
     if access is None or role is None:
         raise InputError("--new-token NAME needs --access FILE (may be new) and --role viewer, operator or engineer")
-    return add_person(access, name, role)
+    return web.add_person(access, name, role)
 
 
 def _new_pin(access: Path | None, name: str, role: Role | None, badge: str | None) -> str:
-    from bench.web import add_pin
-
     if access is None or role is None or role == "engineer":
         raise InputError("--new-pin NAME needs --access FILE and --role viewer or operator; a PIN gives no more")
-    return add_pin(access, name, role, badge)
+    return web.add_pin(access, name, role, badge)
 
 
 def _serve(

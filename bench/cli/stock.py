@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from bench import commands
 from bench.cli import completion
 from bench.cli.options import (
     RUN,
@@ -26,9 +27,6 @@ from bench.cli.options import (
     together,
 )
 
-if TYPE_CHECKING:
-    from bench.commands import Result
-
 
 @click.group()
 def registry() -> None:
@@ -40,10 +38,8 @@ def registry() -> None:
 @click.option("--most", type=click.IntRange(1), default=50, show_default=True, help="Newest runs to list.")
 @shelf_options
 @answers
-def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> Result:
+def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> commands.Result:
     """List the runs, newest first, with the verdicts of their calibrations."""
-    from bench import commands
-
     return commands.registry_list(out, where, unit, most)
 
 
@@ -51,10 +47,8 @@ def registry_list(unit: str | None, most: int, out: Path, where: str | None) -> 
 @click.argument("name", metavar="UNIT|RUN")
 @shelf_options
 @answers
-def registry_show(name: str, out: Path, where: str | None) -> Result:
+def registry_show(name: str, out: Path, where: str | None) -> commands.Result:
     """Show all data of a unit or a run."""
-    from bench import commands
-
     return commands.registry_show(out, where, name)
 
 
@@ -64,10 +58,8 @@ def registry_show(name: str, out: Path, where: str | None) -> Result:
 @click.option("--copied", is_flag=True, help="The folder is a copy, as on a cloned disk: give it an id of its own.")
 @archive_options
 @answers
-def registry_rebuild(only_compare: bool, moved: bool, copied: bool, out: Path, where: str | None) -> Result:
+def registry_rebuild(only_compare: bool, moved: bool, copied: bool, out: Path, where: str | None) -> commands.Result:
     """Rebuild the rows from the run folders, list the differences, and verify that they are equal."""
-    from bench import commands
-
     if moved + copied + only_compare > 1:
         raise click.UsageError("choose one of --check, --moved and --copied")
     return commands.registry_rebuild(out, where, only_compare, moved, copied)
@@ -78,10 +70,8 @@ def registry_rebuild(only_compare: bool, moved: bool, copied: bool, out: Path, w
 @click.argument("serials", nargs=-1, required=True)
 @archive_options
 @answers
-def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | None) -> Result:
+def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | None) -> commands.Result:
     """Assign the units SERIALS to LOT."""
-    from bench import commands
-
     entry = {"kind": "lot", "lot": lot, "units": list(serials)}
     return commands.registry_tell(out, where, entry)
 
@@ -90,10 +80,8 @@ def registry_lot(lot: str, serials: tuple[str, ...], out: Path, where: str | Non
 @click.argument("name")
 @archive_options
 @answers
-def registry_operator(name: str, out: Path, where: str | None) -> Result:
+def registry_operator(name: str, out: Path, where: str | None) -> commands.Result:
     """Add an operator."""
-    from bench import commands
-
     return commands.registry_tell(out, where, {"kind": "operator", "name": name})
 
 
@@ -101,10 +89,8 @@ def registry_operator(name: str, out: Path, where: str | None) -> Result:
 @click.option("--unit", shell_complete=completion.units, help="Only those of this unit.")
 @shelf_options
 @answers
-def registry_certificates(unit: str | None, out: Path, where: str | None) -> Result:
+def registry_certificates(unit: str | None, out: Path, where: str | None) -> commands.Result:
     """List the certificates: in force, replaced or withdrawn."""
-    from bench import commands
-
     return commands.registry_certificates(out, where, unit)
 
 
@@ -113,10 +99,8 @@ def registry_certificates(unit: str | None, out: Path, where: str | None) -> Res
 @click.option("--since", type=click.DateTime(["%Y-%m-%d"]), help="Only runs from this day on. Default: all.")
 @shelf_options
 @answers
-def registry_recall(equipment: str, since: datetime | None, out: Path, where: str | None) -> Result:
+def registry_recall(equipment: str, since: datetime | None, out: Path, where: str | None) -> commands.Result:
     """List runs, units and certificates that rest on EQUIPMENT, given by its name or serial number."""
-    from bench import commands
-
     return commands.registry_recall(out, where, equipment, None if since is None else since.date())
 
 
@@ -133,10 +117,8 @@ def registry_equipment() -> None:
 @click.option("--due", type=click.DateTime(["%Y-%m-%d"]), help="Last day on which that calibration is valid.")
 @archive_options
 @answers
-def registry_equipment_add(name: str, serial: str, out: Path, where: str | None, **given: Any) -> Result:
+def registry_equipment_add(name: str, serial: str, out: Path, where: str | None, **given: Any) -> commands.Result:
     """Add a piece of equipment, or its new calibration."""
-    from bench import commands
-
     return commands.add_equipment(out, where, name, serial, **given)
 
 
@@ -144,20 +126,16 @@ def registry_equipment_add(name: str, serial: str, out: Path, where: str | None,
 @click.option("--on", type=click.DateTime(["%Y-%m-%d"]), help="Day to judge by. Default: today.")
 @archive_options
 @answers
-def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -> Result:
+def registry_equipment_list(on: datetime | None, out: Path, where: str | None) -> commands.Result:
     """List the equipment by due date; exit code 1 if a calibration is overdue."""
-    from bench import commands
-
     return commands.registry_equipment(out, where, (on or datetime.now()).date())
 
 
 @click.command("verify-archive")
 @out_option
 @answers
-def verify_archive(out: Path) -> Result:
+def verify_archive(out: Path) -> commands.Result:
     """Read every file of an archive, and say each that is not what the bench wrote; exit code 1 where there is one."""
-    from bench import commands
-
     return commands.verify_archive(out)
 
 
@@ -201,14 +179,12 @@ def fleet(context: click.Context, /, as_json: bool, **options: Any) -> None:
 @path_option("--limits", help="Limits file (YAML): the tolerance is the width between the limits of QUANTITY.")
 @shelf_options
 @answers
-def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> Result:
+def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> commands.Result:
     """Gauge R&R of QUANTITY, from units that several stations measured, each at least twice somewhere.
 
     Standard deviations of repetitions, stations and units by crossed analysis of variance and by REML; exit code 1 if
     the first two take more than 30 % (AIAG).
     """
-    from bench import commands
-
     return commands.gauge(quantity, out, where, **options)
 
 
@@ -222,10 +198,8 @@ def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> 
 @answers
 def fleet_refit(
     model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
-) -> Result:
+) -> commands.Result:
     """Refit every unit from the moments of its newest run of the profile; a failure does not stop the others."""
-    from bench import commands
-
     return commands.refit(model, out, where, moments, records, commands.RefitOptions(**work))
 
 
@@ -236,14 +210,12 @@ def fleet_refit(
 @engine_options
 @shelf_options
 @answers
-def fleet_diagnose(model: str, out: Path, where: str | None, again: bool, **work: Any) -> Result:
+def fleet_diagnose(model: str, out: Path, where: str | None, again: bool, **work: Any) -> commands.Result:
     """Find what the model of every unit lacks: a table of effects and lots, and what a lot has in common.
 
     Takes the newest run of each unit, and a diagnosis of the same model that its folder has. The others are made now
     and kept in the folders; an interrupted command goes on where it was.
     """
-    from bench import commands
-
     return commands.diagnose_units(model, out, where, commands.RefitOptions(**work), again=again)
 
 
@@ -259,13 +231,11 @@ def lot() -> None:
 @effect_option
 @out_option
 @answers
-def lot_calibrate(name: str, runs: tuple[Path, ...], model: str, out: Path) -> Result:
+def lot_calibrate(name: str, runs: tuple[Path, ...], model: str, out: Path) -> commands.Result:
     """Fit one model to runs of all units of LOT, and tell what each unit loses by it.
 
     The calibration stands in a run folder of LOT; `bench export` and `bench flash --run` deliver it.
     """
-    from bench import commands
-
     return commands.calibrate_lot(runs, name, model, out)
 
 
@@ -273,10 +243,8 @@ def lot_calibrate(name: str, runs: tuple[Path, ...], model: str, out: Path) -> R
 @path_argument("folder", metavar="LOT_FOLDER")
 @runs_argument
 @answers
-def lot_check(folder: Path, runs: tuple[Path, ...]) -> Result:
+def lot_check(folder: Path, runs: tuple[Path, ...]) -> commands.Result:
     """Tell whether the unit of each RUN is like the lot; exit code 1 where one is not."""
-    from bench import commands
-
     return commands.check_lot(folder, runs)
 
 
@@ -285,13 +253,11 @@ def lot_check(folder: Path, runs: tuple[Path, ...]) -> Result:
 @click.argument("run", type=RUN, metavar="RUN")
 @out_option
 @answers
-def lot_complete(folder: Path, run: Path, out: Path) -> Result:
+def lot_complete(folder: Path, run: Path, out: Path) -> commands.Result:
     """Calibrate a unit whose RUN ended early: its rows, and the lot as the prior for what it did not run.
 
     The calibration stands in a run folder of the unit; `bench export` and `bench flash --run` deliver it.
     """
-    from bench import commands
-
     return commands.complete_unit(folder, run, out)
 
 
@@ -310,14 +276,12 @@ def lot_complete(folder: Path, run: Path, out: Path) -> Result:
     "--station", help="Station file: try rates up to those of its chamber. Default: the rates of the lot's runs."
 )
 @answers
-def lot_plan(folder: Path, target_dph: float, profile: Path | None, station: Path | None) -> Result:
+def lot_plan(folder: Path, target_dph: float, profile: Path | None, station: Path | None) -> commands.Result:
     """Write the shortest profile that calibrates a further unit of the lot well enough.
 
     Turning points, rates and soaks are chosen by the error of simulated runs of the lot's units by the profile. Check
     it with `bench check`, run it, and calibrate the unit with `bench lot complete`.
     """
-    from bench import commands
-
     return commands.plan_lot(folder, target_dph, profile, station)
 
 
@@ -325,8 +289,6 @@ def lot_plan(folder: Path, target_dph: float, profile: Path | None, station: Pat
 @path_argument("folder", metavar="LOT_FOLDER")
 @out_option
 @answers
-def lot_audits(folder: Path, out: Path) -> Result:
+def lot_audits(folder: Path, out: Path) -> commands.Result:
     """Tell what runs of the lot that ended early saved, and whether the audits bear their stated errors out."""
-    from bench import commands
-
     return commands.audits(folder, out)

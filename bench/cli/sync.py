@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from bench import commands
 from bench.cli.options import answers, archive_options, out_option, path_argument
-
-if TYPE_CHECKING:
-    from bench.commands import Result
 
 _HELP = "Folder, s3://bucket/path or sftp://host/path."
 centre_option = click.option("--centre", "url", envvar="BENCH_CENTRE", required=True, metavar="URL", help=_HELP)
@@ -26,10 +23,8 @@ def sync() -> None:
 @out_option
 @click.option("--moved", is_flag=True, help="The archive was moved here from the place that sent until now.")
 @answers
-def sync_send(url: str, out: Path, moved: bool) -> Result:
+def sync_send(url: str, out: Path, moved: bool) -> commands.Result:
     """Send what the centre lacks; a repetition goes on where it ended. Exit code 4: not reached, nothing is lost."""
-    from bench import commands
-
     return commands.sync_send(url, out, moved=moved)
 
 
@@ -37,20 +32,16 @@ def sync_send(url: str, out: Path, moved: bool) -> Result:
 @centre_option
 @out_option
 @answers
-def sync_status(url: str, out: Path) -> Result:
+def sync_status(url: str, out: Path) -> commands.Result:
     """List what the centre lacks; by its last answer where it is not reached."""
-    from bench import commands
-
     return commands.sync_status(url, out)
 
 
 @sync.command("list")
 @centre_option
 @answers
-def sync_list(url: str) -> Result:
+def sync_list(url: str) -> commands.Result:
     """List what is at the centre, by ids that are the same everywhere."""
-    from bench import commands
-
     return commands.sync_list(url)
 
 
@@ -61,10 +52,10 @@ def sync_list(url: str) -> Result:
 @click.option("--replace", is_flag=True, help="Also renew folders in which something was written here.")
 @archive_options
 @answers
-def sync_fetch(runs: tuple[str, ...], url: str, large: bool, replace: bool, out: Path, where: str | None) -> Result:
+def sync_fetch(
+    runs: tuple[str, ...], url: str, large: bool, replace: bool, out: Path, where: str | None
+) -> commands.Result:
     """Fetch all runs, or those of these IDs, into the archive --out."""
-    from bench import commands
-
     return commands.sync_fetch(url, runs, out, where, large=large, replace=replace)
 
 
@@ -72,10 +63,8 @@ def sync_fetch(runs: tuple[str, ...], url: str, large: bool, replace: bool, out:
 @path_argument("folders", metavar="RUN...", nargs=-1, required=True)
 @click.option("--centre", "url", metavar="URL", help="Another centre than the one that the folder names.")
 @answers
-def sync_restore(folders: tuple[Path, ...], url: str | None) -> Result:
+def sync_restore(folders: tuple[Path, ...], url: str | None) -> commands.Result:
     """Bring files of these folders back that are at a centre only."""
-    from bench import commands
-
     return commands.sync_restore(folders, url)
 
 
@@ -86,10 +75,8 @@ def sync_restore(folders: tuple[Path, ...], url: str | None) -> Result:
 )
 @out_option
 @answers
-def sync_release(url: str, older_days: float, out: Path) -> Result:
+def sync_release(url: str, older_days: float, out: Path) -> commands.Result:
     """Remove raw data of older runs here once each file at the centre has been hashed anew; the means stay."""
-    from bench import commands
-
     return commands.sync_release(url, out, older_days)
 
 
@@ -97,8 +84,6 @@ def sync_release(url: str, older_days: float, out: Path) -> Result:
 @centre_option
 @click.option("--repair", is_flag=True, help="Set damaged files aside; benches that have them send them again.")
 @answers
-def sync_scrub(url: str, repair: bool) -> Result:
+def sync_scrub(url: str, repair: bool) -> commands.Result:
     """Hash every file of the centre anew, and say each that is damaged or missing; exit code 1 where there is one."""
-    from bench import commands
-
     return commands.sync_scrub(url, repair=repair)

@@ -9,16 +9,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench import acquisition, analysis, archive, deliver
 from bench.base import Document, InputError, library, load_config, read_yaml, user_name
+from bench.commands.analysis import DEFAULT_MODELS, model_file
+from bench.commands.ending_early import EndingEarly, followed
 from bench.commands.files import write
 from bench.commands.papers import Papers
+from bench.commands.registering import open_in
+from bench.commands.results.analyse import Reported, UnitsReported
 from bench.commands.results.measure import Checked, Copied, StationServed
+from bench.commands.run_junit import with_junit
+from bench.commands.several import report_on_units
 from bench.commands.slots import seated
+from bench.commands.terminal.following import Following
+from bench.commands.terminal.keyboard import Keyboard
+from bench.commands.terminal.progress import Progress
 
 if TYPE_CHECKING:
-    from bench.acquisition import Compensated, Job, Profile, RunResult, Served, StationSettings
-    from bench.analysis import Limits
-    from bench.commands.results.analyse import Reported, UnitsReported
     from drivers.sim.sender import Frames
 
 
@@ -29,14 +36,12 @@ def station_file(source: Path | Document | None) -> Document:
     return read_yaml(library() / "stations" / "simulated.yaml" if source is None else source)
 
 
-def station_of(document: Document) -> StationSettings:
+def station_of(document: Document) -> acquisition.StationSettings:
     """The station of a file; files that it names are beside it."""
-    from bench.acquisition import StationSettings
-
-    return load_config(document, StationSettings).beside(document)
+    return load_config(document, acquisition.StationSettings).beside(document)
 
 
-def load_station(source: Path | Document | None) -> StationSettings:
+def load_station(source: Path | Document | None) -> acquisition.StationSettings:
     """A station from its file; the embedded simulator for None."""
     return station_of(station_file(source))
 
@@ -68,19 +73,13 @@ def run_profile(
     """`bench run`: check everything, run, capture, fit, report."""
     if options.junit is None:
         return _run(profile_path, station_path, options, out, quiet)
-    from bench.commands.run_junit import with_junit
-
     return with_junit(lambda: _run(profile_path, station_path, options, out, quiet), profile_path.stem, options.junit)
 
 
 def _run(
     profile_path: Path, station_path: Path | None, options: RunOptions, out: Path, quiet: bool
 ) -> Reported | UnitsReported:
-    from bench.analysis import load_model
-    from bench.commands.analysis import DEFAULT_MODELS, model_file
-    from bench.commands.several import report_on_units
-
-    chosen = [load_model(model) for model in options.models or DEFAULT_MODELS]
+    chosen = [analysis.load_model(model) for model in options.models or DEFAULT_MODELS]
     limits, texts = _given(options, out)
     texts |= {model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
     station, serials = seated(station_file(station_path), options.serials)
@@ -96,7 +95,7 @@ class Task:
     serials: Sequence[str]
     texts: Mapping[str, str]
     out: Path
-    compensation: Compensated = "off"
+    compensation: acquisition.Compensated = "off"
     operator: str = ""
     senders: Mapping[str, Frames] = field(default_factory=dict)
     """What makes the frames of simulated units, by serial number; the simulator makes those of others."""
@@ -104,19 +103,18 @@ class Task:
     """Run folder of the lot that `until` in the profile rests on; None: the one that it names."""
 
 
-def conduct(profile: Path | Document, station: Path | Document | None, task: Task, quiet: bool) -> RunResult:
+def conduct(
+    profile: Path | Document, station: Path | Document | None, task: Task, quiet: bool
+) -> acquisition.RunResult:
     """Check and run a profile; the folder keeps the very texts that were run. Analyses nothing."""
     return carry_out(job_of(profile, station, task), quiet)
 
 
-def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> Job:
+def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> acquisition.Job:
     """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
-    from bench.acquisition import Job, load_profile
-    from bench.commands.ending_early import followed
-
     own = profile if isinstance(profile, Document) else read_yaml(profile)
     place = station_file(station)
-    loaded, settings = load_profile(own), station_of(place).remembering(task.out)
+    loaded, settings = acquisition.load_profile(own), station_of(place).remembering(task.out)
     if task.senders and not settings.simulated:
         text = "its units are real, and send for themselves"
         raise InputError(f"{text}; only units of a simulated station can be sent for", place.file)
@@ -125,7 +123,7 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
     texts = papers.texts() | dict(task.texts)
     if task.compensation == "off":
         texts |= followed(loaded, task.lot, task.out)
-    return Job(
+    return acquisition.Job(
         profile=loaded,
         profile_text=own.text,
         station=settings,
@@ -139,41 +137,32 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
     )
 
 
-def carry_out(job: Job, quiet: bool) -> RunResult:
+def carry_out(job: acquisition.Job, quiet: bool) -> acquisition.RunResult:
     """Run a job, with progress and keys in the terminal of this process; `until` in its profile may end it."""
-    from bench.acquisition import Desk, run_job
-    from bench.commands.ending_early import EndingEarly
-    from bench.commands.terminal.following import Following
-    from bench.commands.terminal.keyboard import Keyboard
-    from bench.commands.terminal.progress import Progress
-
-    desk, early = Desk(), EndingEarly.of(job)
+    desk, early = acquisition.Desk(), EndingEarly.of(job)
     with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
         if early is None:
-            return run_job(job, Following(job.profile, desk, progress), desk)
-        result = run_job(job, Following(job.profile, desk, progress, early.heard), desk, early)
+            return acquisition.run_job(job, Following(job.profile, desk, progress), desk)
+        result = acquisition.run_job(job, Following(job.profile, desk, progress, early.heard), desk, early)
     early.write(result)
     return result
 
 
-def _given(options: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str]]:
+def _given(options: RunOptions, out: Path) -> tuple[analysis.Limits | None, dict[str, str]]:
     """Limits, and the files that the run folder keeps; InputError where equipment is overdue, or unknown in production.
 
     The day is today's, as the run's is.
     """
-    from bench.analysis import load_limits
-    from bench.deliver import load_instruments, refuse_overdue
-
-    limits: Limits | None = None
+    limits: analysis.Limits | None = None
     texts: dict[str, str] = {}
     if options.limits is not None:
         file = read_yaml(options.limits)
-        limits, texts["limits.yaml"] = load_limits(file), file.text
+        limits, texts["limits.yaml"] = analysis.load_limits(file), file.text
     if options.equipment is not None:
         file = read_yaml(options.equipment)
-        equipment, texts["equipment.yaml"] = load_instruments(file), file.text
+        equipment, texts["equipment.yaml"] = deliver.load_instruments(file), file.text
         if options.production:
-            refuse_overdue(equipment, datetime.now(UTC).date(), options.equipment)
+            deliver.refuse_overdue(equipment, datetime.now(UTC).date(), options.equipment)
     elif options.production:
         texts["equipment.yaml"] = _registered(out, options.registry)
     return limits, texts
@@ -181,55 +170,49 @@ def _given(options: RunOptions, out: Path) -> tuple[Limits | None, dict[str, str
 
 def _registered(out: Path, where: str | None) -> str:
     """The registry's equipment as an equipment file; InputError where it has none, or one is not calibrated today."""
-    from bench.archive import FILE, equipment
-    from bench.commands.registering import open_in
-    from bench.deliver import instrument_of_registry, instruments_yaml, refuse_overdue
-
-    tools, url = [], where or str(out / FILE)
-    if where is not None or (out / FILE).is_file():
+    tools, url = [], where or str(out / archive.FILE)
+    if where is not None or (out / archive.FILE).is_file():
         with open_in(out, where) as registry:
-            tools, url = [instrument_of_registry(row) for row in equipment(registry)], registry.url
+            tools, url = [deliver.instrument_of_registry(row) for row in archive.equipment(registry)], registry.url
     if not tools:
         raise InputError(
             "a production run needs --equipment FILE, or equipment in the registry, which holds none: add it with "
             "`bench registry equipment add`",
             url,
         )
-    refuse_overdue(tools, datetime.now(UTC).date(), url)
-    return instruments_yaml(tools)
+    deliver.refuse_overdue(tools, datetime.now(UTC).date(), url)
+    return deliver.instruments_yaml(tools)
 
 
 def check(profile_path: Path, station_path: Path | None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
-    from bench.acquisition import load_profile
-
-    profile, station = load_profile(profile_path), load_station(station_path)
+    profile, station = acquisition.load_profile(profile_path), load_station(station_path)
     refuse_wrong(station, profile)
     return check_on(profile, station)
 
 
-def refuse_wrong(station: StationSettings, profile: Profile | None = None, sent: Iterable[str] = ()) -> Papers:
+def refuse_wrong(
+    station: acquisition.StationSettings, profile: acquisition.Profile | None = None, sent: Iterable[str] = ()
+) -> Papers:
     """What `bench check`, `bench doctor` and `bench run` refuse before anything is opened; the papers of the station.
 
     InputError with everything that is wrong with station and profile. `sent`: see `wire_findings`.
     """
-    from bench.acquisition import Notifier, check_profile, refuse_errors, wire_findings
-
-    about = () if profile is None else check_profile(profile, station.limits())
-    refuse_errors([*about, *wire_findings(station, tuple(sent), () if profile is None else profile.guards)])
-    Notifier(station.notify)  # wrong recipients are told now, not when a run begins
+    about = () if profile is None else acquisition.check_profile(profile, station.limits())
+    acquisition.refuse_errors(
+        [*about, *acquisition.wire_findings(station, tuple(sent), () if profile is None else profile.guards)]
+    )
+    acquisition.Notifier(station.notify)  # wrong recipients are told now, not when a run begins
     return Papers.of_station(station)
 
 
-def check_on(profile: Profile, station: StationSettings) -> Checked:
+def check_on(profile: acquisition.Profile, station: acquisition.StationSettings) -> Checked:
     """A profile without errors, rehearsed on a station."""
-    from bench.acquisition import check_profile, guards_told, recording_of, rehearse, wire_findings
-
-    segments = rehearse(profile, station)
-    duration_s, recording = segments[-1].to_s, recording_of(station, shutil.disk_usage(Path.cwd()).free)
-    guarded = guards_told(station.standing_guards())
-    about = check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
-    findings = (*about, *wire_findings(station))
+    segments = acquisition.rehearse(profile, station)
+    duration_s, recording = segments[-1].to_s, acquisition.recording_of(station, shutil.disk_usage(Path.cwd()).free)
+    guarded = acquisition.guards_told(station.standing_guards())
+    about = acquisition.check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
+    findings = (*about, *acquisition.wire_findings(station))
     return Checked(profile, station, segments, findings, round(duration_s * recording.bytes_per_s))
 
 
@@ -250,16 +233,14 @@ def sim(
     ports: tuple[int, int],
     speed: float,
     write_station: Path | None,
-    ready: Callable[[Served], None],
+    ready: Callable[[acquisition.Served], None],
 ) -> StationServed:
     """`bench sim`: serve the simulated station until Ctrl-C or SIGTERM; `ready` is called when it answers."""
-    from bench.acquisition import keep_running, serve_station, until_signal
-
     settings = load_station(station_path)
-    stopped = until_signal()
-    with serve_station(settings, *ports) as served:
+    stopped = acquisition.until_signal()
+    with acquisition.serve_station(settings, *ports) as served:
         if write_station is not None:
             write(write_station, served.station_yaml())
         ready(served)
-        keep_running(served.station.advance, speed, stopped)
+        acquisition.keep_running(served.station.advance, speed, stopped)
         return StationServed(served.station.modbus_port, served.can_ports)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import acquisition, analysis, deliver, record
 from bench.base import BenchError, InputError, user_name
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven, write
@@ -19,10 +19,6 @@ from bench.commands.results.analyse import (
 )
 from bench.record import LIVE, MANIFEST, RunFolder, clear_partial, listed, of_output, open_run, rates_of, use
 
-if TYPE_CHECKING:
-    from bench.analysis import Limits, Model
-    from bench.record import Dataset
-
 DEFAULT_MODELS = ("polynomial", "regression", "spline")
 
 
@@ -34,16 +30,14 @@ def model_file(order: int) -> str:
     return "model.yaml" if order == 0 else f"model-{order + 1}.yaml"
 
 
-def kept_models(folder: Path) -> list[Model]:
+def kept_models(folder: Path) -> list[analysis.Model]:
     """The models that a run folder keeps, in their order; the usual ones where it keeps none."""
-    from bench.analysis import load_model
-
     kept = {path.name for path in folder.glob(MODEL_FILES)} | {
         name for name in listed(folder) if Path(name).match(MODEL_FILES)
     }
     use(folder, *kept)
     files = [folder / name for name in sorted(kept, key=lambda name: (len(name), name))]
-    return [load_model(model) for model in files or DEFAULT_MODELS]
+    return [analysis.load_model(model) for model in files or DEFAULT_MODELS]
 
 
 def report(  # noqa: PLR0913, PLR0917 - options of one command
@@ -56,12 +50,11 @@ def report(  # noqa: PLR0913, PLR0917 - options of one command
     sisters: Sequence[Path] = (),
 ) -> Reported | UnitsReported:
     """`bench report`: analyse a run again, or of a unit with several rates that of each; a killed run is recovered."""
-    from bench.analysis import load_limits, load_model
     from bench.commands.several import report_on_outputs
 
-    allowed = None if limits is None else load_limits(limits)
+    allowed = None if limits is None else analysis.load_limits(limits)
     folder = recover(path)
-    chosen = [load_model(model) for model in models] if models else kept_models(folder.path)
+    chosen = [analysis.load_model(model) for model in models] if models else kept_models(folder.path)
     if output is not None:
         still = None if static is None else of_one(static, output)
         checks, others = of_outputs(check, output), of_outputs(sisters, output)
@@ -87,12 +80,10 @@ def figures(
     path: Path, models: Sequence[str], static: Path | None, out: Path, output: str | None = None
 ) -> FiguresDrawn:
     """`bench report --figures`: the figures of a run as files in `out`; the run folder stays as it is."""
-    from bench.deliver import figure_files
-
     run = recover(path).path
     compared = compare([run], models, (), static, output=output)
     dataset = usual_means(recovered([run], output))[0]
-    made = figure_files(dataset, compared.comparison)
+    made = deliver.figure_files(dataset, compared.comparison)
     for name, content in made.items():
         write(out / name, content)
     return FiguresDrawn(run, tuple(out / name for name in made), compared.comparison.refused)
@@ -105,10 +96,8 @@ def recover(path: Path) -> RunFolder:
     """
     folder = RunFolder(path)
     if path.is_dir() and not (path / MANIFEST).exists() and any(folder.journal.glob("*.gtbj")):
-        from bench.acquisition import assemble, live_at
-
-        assemble(folder)
-        live = live_at(path)
+        acquisition.assemble(folder)
+        live = acquisition.live_at(path)
         if live is None or live.condition() == "gone":
             (path / LIVE).unlink(missing_ok=True)
             clear_partial(path)
@@ -119,39 +108,34 @@ def recover(path: Path) -> RunFolder:
     return run
 
 
-def recovered(paths: Sequence[Path], output: str | None = None) -> list[Dataset]:
+def recovered(paths: Sequence[Path], output: str | None = None) -> list[record.Dataset]:
     """1 s means of one output of each run, recovered first where they have to be.
 
     InputError where a unit has several outputs and none is named.
     """
-    from bench.record import seconds_of
-
-    found = [seconds_of(recover(path).path, output) for path in paths]
+    found = [record.seconds_of(recover(path).path, output) for path in paths]
     for one in found:
         if len(one.outputs) > 1:
             one.channel("rate")
     return found
 
 
-def usual_means(seconds: Sequence[Dataset]) -> list[Dataset]:
+def usual_means(seconds: Sequence[record.Dataset]) -> list[record.Dataset]:
     """Means over the usual interval, of 1 s means."""
-    from bench.record import DEFAULT_INTERVAL_S, averaged
-
-    return [averaged(run, DEFAULT_INTERVAL_S) for run in seconds]
+    return [record.averaged(run, record.DEFAULT_INTERVAL_S) for run in seconds]
 
 
 def report_on(  # noqa: PLR0913, PLR0917 - options of one command
     folder: RunFolder,
-    models: Sequence[Model],
+    models: Sequence[analysis.Model],
     error: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
-    limits: Limits | None = None,
+    limits: analysis.Limits | None = None,
     sisters: Sequence[Path] = (),
 ) -> Reported:
     """Analyse a run, write its report, and say how it ended; its limits are those given, or those it was made with."""
     from bench.analysis import LIMITS_YAML, analyse, judged_by, load_limits
-    from bench.deliver import write_report
 
     own = folder.path / LIMITS_YAML
     use(folder.path, LIMITS_YAML, "events.jsonl")
@@ -161,7 +145,7 @@ def report_on(  # noqa: PLR0913, PLR0917 - options of one command
     analysis = analyse(folder.path, models, check, static=static, sisters=sisters)
     if limits is not None:
         analysis = judged_by(analysis, limits)
-    write_report(analysis)
+    deliver.write_report(analysis)
     return Reported(analysis, error)
 
 
@@ -174,18 +158,14 @@ def compare(
     output: str | None = None,
 ) -> Compared:
     """`bench compare`: models side by side, in-sample and held-out, beside the noise floor."""
-    from bench.analysis import compare as compare_models
-    from bench.analysis import load_model
-    from bench.record import refuse_mixed
-
-    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    chosen = [analysis.load_model(model) for model in models or DEFAULT_MODELS]
     seconds, still = recovered(runs, output), recovered([static] if static else [], output)
     datasets, checks = usual_means(seconds), usual_means(recovered(check, output))
     if not lot:
-        refuse_mixed((*datasets, *checks, *still))
+        record.refuse_mixed((*datasets, *checks, *still))
     floor_dph = floor_of(seconds, datasets[0].interval_s, still)
     # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
-    comparison = compare_models(datasets, chosen, floor_dph, checks or None, strict=bool(models), lot=lot)
+    comparison = analysis.compare(datasets, chosen, floor_dph, checks or None, strict=bool(models), lot=lot)
     if not comparison.scores:
         raise InputError(comparison.refused[0][1], runs[0])
     return Compared(comparison)
@@ -200,39 +180,34 @@ def compare_every_sample(
     output: str | None = None,
 ) -> ComparedSamples:
     """`bench compare --every-sample`: the same fitted to all samples of the runs in one pass over each."""
-    from bench.analysis import SampledRun, Samples, load_model, of_seconds
-    from bench.analysis import compare_every_sample as compare_models
     from bench.record import averaged
 
     if check:
         raise InputError("--every-sample scores blocks and segments left out; a check run is scored on means", check[0])
     if output is not None:
         raise InputError("--every-sample reads runs of units with one output; leave --output or --every-sample out")
-    chosen = [load_model(model) for model in models or DEFAULT_MODELS]
+    chosen = [analysis.load_model(model) for model in models or DEFAULT_MODELS]
     seconds, still = recovered(runs), recovered([static] if static else [])
     fine = [averaged(run, 1.0) for run in seconds]
-    samples = [Samples(open_run(path).data) for path in runs]
-    records = [SampledRun(*one) for one in zip(samples, fine, usual_means(seconds), strict=True)]
+    samples = [analysis.Samples(open_run(path).data) for path in runs]
+    records = [analysis.SampledRun(*one) for one in zip(samples, fine, usual_means(seconds), strict=True)]
     floor_dph = floor_of(seconds, 1.0, still)
-    comparison = compare_models(records, chosen, floor_dph, strict=bool(models), lot=lot)
+    comparison = analysis.compare_every_sample(records, chosen, floor_dph, strict=bool(models), lot=lot)
     if not comparison.scores:
         raise InputError(comparison.refused[0][1], runs[0])
     means = {
-        score.model.name: (of_seconds(score.rms_dph, fine), of_seconds(score.held_out.rms_dph, fine))
+        score.model.name: (analysis.of_seconds(score.rms_dph, fine), analysis.of_seconds(score.held_out.rms_dph, fine))
         for score in comparison.scores
     }
     return ComparedSamples(comparison, sum(record.samples.rows for record in records), floor_dph, means)
 
 
-def floor_of(seconds: Sequence[Dataset], interval_s: float, static: Sequence[Dataset] = ()) -> float:
+def floor_of(seconds: Sequence[record.Dataset], interval_s: float, static: Sequence[record.Dataset] = ()) -> float:
     """Noise floor [deg/h] of means over `interval_s` of runs, from 1 s means of them or of an isothermal run; NaN where
     nothing stands still. The number is the same for all commands.
     """
-    from bench.analysis import noise_floor
-    from bench.record import averaged
-
-    runs, still = ([averaged(run, 1.0) for run in some] for some in (seconds, static))
-    return noise_floor(runs, interval_s, still[0] if still else None, intervals=False).floor_dph
+    runs, still = ([record.averaged(run, 1.0) for run in some] for some in (seconds, static))
+    return analysis.noise_floor(runs, interval_s, still[0] if still else None, intervals=False).floor_dph
 
 
 HOUR_S = 3600
@@ -251,10 +226,8 @@ def import_table(
 
     A confined process reads it, with as much memory as is given or as is free and needed.
     """
-    from bench.acquisition import ColumnMap, Confines, load_columns, plan_table, read_confined, write_import
-
-    chosen = ColumnMap() if columns is None else load_columns(columns)
+    chosen = acquisition.ColumnMap() if columns is None else acquisition.load_columns(columns)
     memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
-    confines = Confines(memory_bytes, cpu_s=4 * HOUR_S, wall_s=4 * HOUR_S, written_bytes=1 << 40)
-    plan = plan_table(read_confined(file, dbc, confines, chosen.encoding), chosen, serial)
-    return Imported(plan, None if out is None else write_import(plan, out, operator=user_name()).path)
+    confines = acquisition.Confines(memory_bytes, cpu_s=4 * HOUR_S, wall_s=4 * HOUR_S, written_bytes=1 << 40)
+    plan = acquisition.plan_table(acquisition.read_confined(file, dbc, confines, chosen.encoding), chosen, serial)
+    return Imported(plan, None if out is None else acquisition.write_import(plan, out, operator=user_name()).path)

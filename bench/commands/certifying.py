@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench import analysis, archive, deliver
 from bench.base import InputError
 from bench.commands.files import write
 from bench.commands.issuing import NO_REASON, Issued, Shelf, keep_earlier, state_in
@@ -15,9 +16,6 @@ from bench.commands.papers import Papers
 from bench.commands.registering import refuse_foreign
 from bench.commands.results.deliver import CertificateChecked, Certified
 from bench.record import MANIFEST, CertificateRecord
-
-if TYPE_CHECKING:
-    from bench.deliver import Instrument, Issue, Laboratory, Lack
 
 
 @dataclass(frozen=True)
@@ -44,21 +42,19 @@ class CertificateOptions:
 class Desk:
     """What a certificate needs beside its evidence."""
 
-    laboratory: Laboratory | None
-    equipment: tuple[Instrument, ...]
-    lacks: tuple[Lack, ...]
+    laboratory: deliver.Laboratory | None
+    equipment: tuple[deliver.Instrument, ...]
+    lacks: tuple[deliver.Lack, ...]
     issued: date
 
     @classmethod
     def of(cls, folder: Path, options: CertificateOptions) -> Desk:
         """The papers of the caller, else those in the folder."""
-        from bench.deliver import lacking, load_instruments, load_laboratory, require_typst
-
-        require_typst()
+        deliver.require_typst()
         papers = Papers.of_files(options.laboratory, options.equipment).over(Papers.of_run(folder))
-        laboratory = None if papers.laboratory is None else load_laboratory(papers.laboratory)
-        equipment = () if papers.equipment is None else load_instruments(papers.equipment)
-        lacks = tuple(lacking(papers.laboratory, papers.equipment, folder))
+        laboratory = None if papers.laboratory is None else deliver.load_laboratory(papers.laboratory)
+        equipment = () if papers.equipment is None else deliver.load_instruments(papers.equipment)
+        lacks = tuple(deliver.lacking(papers.laboratory, papers.equipment, folder))
         return cls(laboratory, equipment, lacks, issued_on(options.issued))
 
 
@@ -67,7 +63,7 @@ class Document:
     """How the facts of a certificate, its XML and its page are made."""
 
     simulated: bool
-    facts: Callable[[Issue], dict[str, Any]]
+    facts: Callable[[deliver.Issue], dict[str, Any]]
     xml: Callable[[Mapping[str, Any]], bytes]
     page: Callable[[Mapping[str, Any], bytes], bytes]
 
@@ -80,14 +76,14 @@ def publish(
     A draft is written beside the folder's certificate and never takes its place; a certificate that another one
     replaces is kept under its number. InputError where the desk lacks something and it is no draft.
     """
-    from bench.deliver import Issue, facts_text, signer_of
-
     if desk.lacks and not options.draft:
         raise desk.lacks[0].error()
     across = (tuple(lack.what for lack in desk.lacks) or ("not issued",)) if options.draft else None
-    signer = None if options.draft else signer_of(options.sign_key, options.sign_certificate, document.simulated)
+    signer = (
+        None if options.draft else deliver.signer_of(options.sign_key, options.sign_certificate, document.simulated)
+    )
     signs = None if signer is None else signer.to_json()
-    content, earlier = _amending(folder, options, lambda amends: document.facts(Issue(across, signs, amends)))
+    content, earlier = _amending(folder, options, lambda amends: document.facts(deliver.Issue(across, signs, amends)))
     pdf = out or folder / ("draft.pdf" if options.draft else "certificate.pdf")
     beside, kept = pdf.with_suffix(".json"), folder / CertificateRecord.FILE
     if options.draft and beside.resolve() == kept.resolve():
@@ -99,28 +95,27 @@ def publish(
     write(pdf, paper if signer is None else signer.sign_pdf(paper, f"Certificate {content['number']}"))
     for path in dict.fromkeys((beside,) if options.draft else (beside, kept)):
         write(path.with_suffix(".xml"), xml)
-        write(path, facts_text(content))
+        write(path, deliver.facts_text(content))
     return pdf, content
 
 
 def certificate(folder: Path, options: CertificateOptions, out: Path | None) -> Certified:
     """Write the PDF (default: into the run folder), its facts as JSON beside it and in the run folder."""
-    from bench.analysis import load_limits
-    from bench.deliver import budget, dcc_xml, facts, figures, gather, typeset_pdf
-
     desk = Desk.of(folder, options)
     limits_file = options.limits or _of_run(folder, "limits.yaml")
-    limits = None if limits_file is None else load_limits(limits_file)
+    limits = None if limits_file is None else analysis.load_limits(limits_file)
     for run in (folder, *options.verifications):
         if (run / MANIFEST).is_file():
             refuse_foreign(run)
-    evidence = gather(folder, options.verifications, limits, desk.equipment)
-    total = budget(evidence)
+    evidence = deliver.gather(folder, options.verifications, limits, desk.equipment)
+    total = deliver.budget(evidence)
     document = Document(
         bool(evidence.manifest.simulated),
-        lambda issue: facts(evidence, desk.laboratory, total, desk.issued, issue),
-        dcc_xml,
-        lambda content, xml: typeset_pdf(content, figures(evidence, total.expanded_dph), xml, desk.issued),
+        lambda issue: deliver.facts(evidence, desk.laboratory, total, desk.issued, issue),
+        deliver.dcc_xml,
+        lambda content, xml: deliver.typeset_pdf(
+            content, deliver.figures(evidence, total.expanded_dph), xml, desk.issued
+        ),
     )
     pdf, content = publish(folder, options, desk, document, out)
     return Certified(folder, pdf, pdf.with_suffix(".json"), pdf.with_suffix(".xml"), content)
@@ -133,8 +128,6 @@ def _amending(
 
     It amends the one that is named, or else, in an archive, the one of this run that is in force.
     """
-    from bench.archive import is_archive
-
     if options.draft:
         return content_of(None), None
     shelf = Shelf.around(folder)
@@ -142,7 +135,7 @@ def _amending(
     if options.amends is not None:
         named = shelf.in_force(options.amends, folder)
         return content_of(named.reference(str(options.reason))), newest
-    if newest is None or not is_archive(folder.resolve().parent.parent):
+    if newest is None or not archive.is_archive(folder.resolve().parent.parent):
         return content_of(None), None
     if shelf.over(newest.record.number):
         return content_of(None), newest
@@ -154,10 +147,8 @@ def _amending(
 
 def verify_certificate(file: Path, trust: Sequence[Path], root: Path) -> CertificateChecked:
     """`bench certificate --verify`: whether a PDF or an XML is as it was signed, by whom, and in force."""
-    from bench.deliver import check_certificate, require_typst
-
-    require_typst()
-    checked = check_certificate(file, trust)
+    deliver.require_typst()
+    checked = deliver.check_certificate(file, trust)
     return CertificateChecked(checked, None if checked.number is None else state_in(root, checked.number))
 
 

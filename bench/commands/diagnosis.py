@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import analysis, base, record
 from bench.base import InputError
 from bench.commands.analysis import floor_of, recovered, usual_means
 from bench.commands.files import write
@@ -23,22 +23,15 @@ from bench.commands.results.analyse import (
 )
 from bench.record import DiagnosisRecord
 
-if TYPE_CHECKING:
-    from bench.record import Dataset
-
 
 def effects() -> Effects:
     """`bench effects`: the catalogue."""
-    from bench.analysis import catalogue
-
-    return Effects(catalogue())
+    return Effects(analysis.catalogue())
 
 
 def show_effect(name: str) -> EffectShown:
     """`bench effects show`: one effect explained and drawn."""
-    from bench.analysis import doc, entry, signature
-
-    return EffectShown(entry(name), doc(name).strip(), signature(name))
+    return EffectShown(analysis.entry(name), analysis.doc(name).strip(), analysis.signature(name))
 
 
 def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
@@ -52,16 +45,13 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
     sisters: Sequence[Path] = (),
 ) -> Diagnosed:
     """`bench diagnose`: where the model fails, which effect is missing, which experiment would tell."""
-    from bench.analysis import diagnose as find
-    from bench.analysis import load_model, next_experiment
-
     channels = tuple(surface.replace(" ", "").split(",")) if surface else ()
     datasets, checks, isothermal, floor_dph = _data(runs, check, static, output)
-    found = find(
-        datasets, load_model(model), check=checks, static=isothermal,
+    found = analysis.diagnose(
+        datasets, analysis.load_model(model), check=checks, static=isothermal,
         sisters=usual_means(recovered(sisters, output)) if sisters else (), floor_dph=floor_dph, surface=channels,
     )  # fmt: skip
-    proposal = next_experiment(found, datasets, static=isothermal)
+    proposal = analysis.next_experiment(found, datasets, static=isothermal)
     if proposal is not None:
         profile = plan or runs[0] / "next.yaml"
         write(profile, proposal.profile_yaml)
@@ -72,7 +62,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
 
 def _data(
     runs: Sequence[Path], check: Sequence[Path], static: Path | None, output: str | None = None
-) -> tuple[list[Dataset], list[Dataset], Dataset | None, float]:
+) -> tuple[list[record.Dataset], list[record.Dataset], record.Dataset | None, float]:
     """Means of runs, check runs and isothermal run, and the noise floor [deg/h]; each run is read once."""
     seconds, still = recovered(runs, output), recovered([static] if static else [], output)
     datasets = usual_means(seconds)
@@ -82,9 +72,7 @@ def _data(
 
 def add(effects: Sequence[str], model: str, out: Path) -> EffectAdded:
     """`bench add`: a model with further effects, as a new file."""
-    from bench.analysis import add_effect, load_model
-
-    longer = replace(reduce(add_effect, effects, load_model(model)), name=out.stem)
+    longer = replace(reduce(analysis.add_effect, effects, analysis.load_model(model)), name=out.stem)
     if out.exists():
         raise InputError("already exists; nothing was written: choose another name with --out", out)
     write(out, longer.to_yaml())
@@ -99,11 +87,8 @@ def improve(
     out: Path | None,
 ) -> Improved:
     """`bench improve`: diagnose, add, prove on unseen data, until nothing more pays."""
-    from bench.analysis import improve as walk
-    from bench.analysis import load_model
-
     datasets, checks, isothermal, floor_dph = _data(runs, check, static)
-    found = walk(datasets, checks, load_model(model), static=isothermal, floor_dph=floor_dph)
+    found = analysis.improve(datasets, checks, analysis.load_model(model), static=isothermal, floor_dph=floor_dph)
     if out is not None:
         write(out, found.model.to_yaml())
     return Improved(found, out)
@@ -111,18 +96,16 @@ def improve(
 
 def mystery(seed: int | None, count: int, out: Path) -> MysteryMade:
     """`bench mystery`: record a unit with something hidden, and tell nothing."""
-    from bench.base import library
     from bench.mystery import make_mystery
 
     seed = secrets.randbelow(1_000_000) if seed is None else seed
-    profiles = library()
+    profiles = base.library()
     made = make_mystery(seed, count, out, profiles / "ramp_-40_85.yaml", profiles / "check_minor_loops.yaml")
     return MysteryMade(seed, made.run, made.check, made.static, out)
 
 
 def reveal(folder: Path, model: str) -> Revealed:
     """`bench reveal`: open the envelope and score a model."""
-    from bench.analysis import load_model
     from bench.mystery import reveal as opened
 
-    return Revealed(opened(folder, load_model(model)))
+    return Revealed(opened(folder, analysis.load_model(model)))

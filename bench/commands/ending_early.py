@@ -7,10 +7,11 @@ import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from bench import acquisition, analysis
 from bench.base import InputError, dump, parse_yaml, read_yaml
 from bench.record import (
     EARTH,
@@ -26,10 +27,6 @@ from bench.record import (
     use,
 )
 
-if TYPE_CHECKING:
-    from bench.acquisition import Continue, Job, Profile, RunResult, Status, Stop, Until
-    from bench.analysis import Expected, Likeness, Prior
-
 WHO = "the lot's prior"
 KEPT = "lot.yaml"
 """File of a run folder: the lot that may end the run, and whether the run is an audit."""
@@ -37,7 +34,7 @@ LOOK_S = 600.0
 ROW_S = 30.0
 
 
-def followed(profile: Profile, lot: Path | None, out: Path) -> dict[str, str]:
+def followed(profile: acquisition.Profile, lot: Path | None, out: Path) -> dict[str, str]:
     """The file that a run keeps of its lot, by name; none where the run goes to its end in any case.
 
     `lot`: run folder of the lot; None: the one that the profile names, below `out`. InputError where it is none, or the
@@ -75,18 +72,16 @@ def _kept(content: Any) -> tuple[Path, bool]:
     return Path(content["lot"]), bool(content["audit"])
 
 
-def prior_of(folder: Path) -> Prior:
+def prior_of(folder: Path) -> analysis.Prior:
     """The units of a lot, from its run folder, as the prior of a further one."""
-    from bench.analysis import Prior, model_from
-
     record, stored = LotRecord.read(folder), CalibrationRecord.read(folder)
     if stored.calibration is None:
         raise InputError("holds no calibration of a lot; make it with `bench lot calibrate`", folder)
-    model = model_from(stored.calibration.model.description())
+    model = analysis.model_from(stored.calibration.model.description())
     whole = load(folder, stored.averaging_s)
     runs = [_unit(whole, segment.index, segment.name) for segment in whole.segments]
     try:
-        return Prior.of(model, runs)
+        return analysis.Prior.of(model, runs)
     except InputError as error:
         raise InputError(f"lot {record.lot}: {error}", folder) from None
 
@@ -102,8 +97,8 @@ class _Look:
     """What one look at one unit found."""
 
     at_s: float
-    expected: Expected
-    likeness: Likeness | None
+    expected: analysis.Expected
+    likeness: analysis.Likeness | None
 
     def told(self) -> dict[str, Any]:
         """Its figures."""
@@ -153,7 +148,7 @@ class _Unit:
 class EndingEarly:
     """Answers "go on, or stop?" for all units of a run: it ends when each is good enough, and like its lot."""
 
-    def __init__(self, lot: Path, until: Until, orientation: Orientation | None, *, audit: bool) -> None:
+    def __init__(self, lot: Path, until: acquisition.Until, orientation: Orientation | None, *, audit: bool) -> None:
         """An `audit` goes on, and tells in the end what the others would have."""
         self._lot, self._until, self._orientation, self._audit = lot, until, orientation, audit
         self._prior = prior_of(lot)
@@ -165,10 +160,8 @@ class EndingEarly:
         self._next_s: float | None = None
 
     @classmethod
-    def of(cls, job: Job) -> EndingEarly | None:
+    def of(cls, job: acquisition.Job) -> EndingEarly | None:
         """What may end a run, or what is left of an interrupted one; None where it goes to its end."""
-        from bench.acquisition import stated
-
         runs = () if job.continuation is None else job.continuation.runs
         if runs:
             known = lot_of(runs[0].path)
@@ -180,7 +173,9 @@ class EndingEarly:
         if runs and not (lot / LotRecord.FILE).is_file():
             print(f"bench: {lot}: the lot is not there any more; the run goes to its end", file=sys.stderr)
             return None
-        early = cls(lot, job.profile.until, stated(job.station.orientation, job.profile.orientation)[0], audit=audit)
+        early = cls(
+            lot, job.profile.until, acquisition.stated(job.station.orientation, job.profile.orientation)[0], audit=audit
+        )
         for run in (one for one in runs if one.manifest().rows):
             early._units.setdefault(run.manifest().unit, _Unit()).take(load(run.path, 1.0))
         return early
@@ -189,31 +184,31 @@ class EndingEarly:
         """Take in a tick of a unit."""
         self._units.setdefault(serial, _Unit()).add(t_s, temperature_degc, rate_dph)
 
-    def decide(self, status: Status) -> Continue | Stop:
+    def decide(self, status: acquisition.Status) -> acquisition.Continue | acquisition.Stop:
         """Look at every unit every ten minutes."""
-        from bench.acquisition import Continue, Stop
-
         if self._next_s is None:
             self._next_s = status.t_s + LOOK_S
         if status.t_s < self._next_s or status.holding:
-            return Continue()
+            return acquisition.Continue()
         self._next_s = status.t_s + LOOK_S
         for serial, unit in self._units.items():
             record = unit.record(serial, self._orientation)
             if record is not None:
                 self._look(serial, record)
         if not self._last:
-            return Continue()
+            return acquisition.Continue()
         facts = {"units": {serial: look.told() for serial, look in self._last.items()}, "limit_dph": self._limit}
         worst = max(look.expected.high_dph for look in self._last.values())
         text = f"error expected up to {worst:.3g} deg/h, limit {self._limit:g}"
         if self._unlike:
-            return Continue(f"goes the whole way: {', '.join(sorted(self._unlike))} unlike the lot; {text}", facts)
+            return acquisition.Continue(
+                f"goes the whole way: {', '.join(sorted(self._unlike))} unlike the lot; {text}", facts
+            )
         if set(self._good) != set(self._units):
-            return Continue(f"goes on: {text}", facts)
+            return acquisition.Continue(f"goes on: {text}", facts)
         if self._audit:
-            return Continue(f"goes on as an audit; {text}", facts)
-        return Stop(text, WHO, facts)
+            return acquisition.Continue(f"goes on as an audit; {text}", facts)
+        return acquisition.Stop(text, WHO, facts)
 
     @property
     def _limit(self) -> float:
@@ -230,7 +225,7 @@ class EndingEarly:
         elif likeness is not None:
             self._unlike.add(serial)
 
-    def write(self, result: RunResult) -> None:
+    def write(self, result: acquisition.RunResult) -> None:
         """Leave until.json in the run folder of every unit that was looked at."""
         for unit in result.units:
             if unit.serial in self._last and (unit.run.path / Manifest.FILE).is_file():

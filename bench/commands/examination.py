@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench import acquisition
 from bench.base import InputError
 from bench.commands.acquisition import load_station, refuse_wrong
 from bench.commands.files import write
@@ -12,31 +13,25 @@ from bench.commands.results.measure import ContractTried, Examined, NoticesTried
 
 def doctor(station_path: Path | None, listen_s: float) -> Examined:
     """Everything that the equipment of a station says, compared where there is something to compare with."""
-    from bench.acquisition import examine
-
     station = load_station(station_path)
     refuse_wrong(station)
-    return Examined(examine(station, listen_s))
+    return Examined(acquisition.examine(station, listen_s))
 
 
 def propose(station_path: Path | None, listen_s: float, target: Path) -> Proposed:
     """A mapping for units that nobody described, from what their buses carry; written to `target`."""
-    from bench.acquisition import propose
-
-    found = propose(load_station(station_path), listen_s)
+    found = acquisition.propose(load_station(station_path), listen_s)
     write(target, found.yaml())
     return Proposed(found, target)
 
 
 def try_notices(station_path: Path | None) -> NoticesTried:
     """Send a trial to everybody whom a station tells of its runs; InputError where it tells nobody."""
-    from bench.acquisition import try_out
-
     station = load_station(station_path)
     if station.notify is None:
         text = "this station tells nobody: `notify: FILE` in it names a notification file (docs/howto/production.md)"
         raise InputError(text, station_path)
-    return NoticesTried(station.notify, dict(try_out(station.notify)))
+    return NoticesTried(station.notify, dict(acquisition.try_out(station.notify)))
 
 
 def contract(station_path: Path | None) -> ContractTried:

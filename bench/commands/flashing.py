@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench import analysis
 from bench.acquisition import StationSettings, UnitSettings, open_alone
 from bench.base import Document, InputError, read_yaml
 from bench.commands.acquisition import Task, conduct, station_file, station_of
@@ -87,14 +88,11 @@ def verify(
     profile_path: Path, serial: str, station_path: Path | None, limits_path: Path | None, out: Path, quiet: bool
 ) -> Verified:
     """`bench verify`: another profile with the unit's own correction on; what it leaves, judged."""
-    from bench.analysis import load_limits, refuse_same_profile
-    from bench.analysis import verify as verify_run
-
     station, (serial,) = seated(station_file(station_path), [serial])
     settings = station_of(station)
     unit = settings.chosen([serial])[0]
     limits = None if limits_path is None else read_yaml(limits_path)
-    allowed = None if limits is None else load_limits(limits)
+    allowed = None if limits is None else analysis.load_limits(limits)
     record = newest_record(out, serial)
     calibration = Path(record.run) if record and record.run else None
     if calibration is not None and not calibration.is_dir():
@@ -102,13 +100,13 @@ def verify(
     if calibration is not None:
         prove(calibration)
     profile = read_yaml(profile_path)
-    refuse_same_profile(profile, calibration)
+    analysis.refuse_same_profile(profile, calibration)
     inside = in_unit(settings, unit, record, out)
     texts = {} if limits is None else {"limits.yaml": limits.text}
     result = conduct(profile, station, Task([serial], texts, out, "on"), quiet)
     if result.error is not None and result.run.manifest().rows == 0:
         raise result.error
-    return Verified(verify_run(RunFolder(result.run.path), calibration, allowed, inside), result.error)
+    return Verified(analysis.verify(RunFolder(result.run.path), calibration, allowed, inside), result.error)
 
 
 def in_unit(settings: StationSettings, unit: UnitSettings, record: FlashRecord | None, out: Path) -> dict[str, Any]:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import analysis, archive
 from bench.base import InputError, nearest_or_all
 from bench.commands.files import write
+from bench.commands.refitting import RefitOptions, engine_of
+from bench.commands.registering import existing, open_in
 from bench.commands.results.stock import FleetDiagnosed, FleetJudged, GaugeJudged
-
-if TYPE_CHECKING:
-    from bench.archive import Engine
-    from bench.commands.refitting import RefitOptions
 
 
 def fleet(  # noqa: PLR0913 - options of one command, by keyword
@@ -26,15 +24,11 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     csv: Path | None,
 ) -> FleetJudged:
     """Yield, capability, charts, drifts, odd units."""
-    from bench.analysis import load_limits
-    from bench.archive import Selection, fleet_of, render, safe_csv, statistics
-    from bench.commands.registering import existing
-
-    bounds = load_limits(limits) if limits else None
+    bounds = analysis.load_limits(limits) if limits else None
     with existing(out, where) as registry:
-        units = fleet_of(registry, pattern, Selection(profile))
-    found = statistics(units, bounds)
-    for path, made in ((html, render), (csv, safe_csv)):
+        units = archive.fleet_of(registry, pattern, archive.Selection(profile))
+    found = archive.statistics(units, bounds)
+    for path, made in ((html, archive.render), (csv, archive.safe_csv)):
         if path is not None:
             write(path, made(found))
     return FleetJudged(found, html, csv)
@@ -44,23 +38,20 @@ def diagnose_units(
     model_name: str, out: Path, where: str | None, options: RefitOptions, *, again: bool = False
 ) -> FleetDiagnosed:
     """`bench fleet diagnose`: what the model of every unit lacks, and what a lot has in common."""
-    from bench.analysis import load_model
-    from bench.archive import Selection, archive, diagnose_fleet, is_archive
-    from bench.commands.refitting import engine_of
-    from bench.commands.registering import open_in
+    model, name = analysis.load_model(model_name), "none"
 
-    model, name = load_model(model_name), "none"
-
-    def engine(units: int) -> Engine:
+    def engine(units: int) -> archive.Engine:
         nonlocal name
         name, made = engine_of(options, units)
         return made
 
-    if not is_archive(out):
+    if not archive.is_archive(out):
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", out)
     with open_in(out, where) as registry:
         begun = time.perf_counter()
-        found = diagnose_fleet(registry, archive(out), model, engine, Selection(options.profile), again=again)
+        found = archive.diagnose_fleet(
+            registry, archive.archive(out), model, engine, archive.Selection(options.profile), again=again
+        )
     if not found.told and not found.failed:
         raise InputError(f"no finished run to diagnose: {'; '.join(found.left_out) or 'none is registered'}", out)
     return FleetDiagnosed(model.name, found, name, time.perf_counter() - begun)
@@ -75,21 +66,16 @@ def gauge(
     """
     import numpy as np
 
-    from bench.analysis import load_limits
-    from bench.archive import Selection, selected
-    from bench.archive import gauge as study
-    from bench.commands.registering import existing
-
     with existing(out, where) as registry:
-        runs, units, left_out = selected(registry, pattern, Selection(profile))
+        runs, units, left_out = archive.selected(registry, pattern, archive.Selection(profile))
     runs = [run for run in runs if quantity in run.values]
     if not runs:
         raise InputError(f"no run has the quantity '{quantity}'{nearest_or_all(quantity, sorted(units))}", out)
     tolerance = None
     if limits is not None:
-        tolerance = next((one.room for one in load_limits(limits).limits if one.subject == quantity), np.inf)
+        tolerance = next((one.room for one in analysis.load_limits(limits).limits if one.subject == quantity), np.inf)
         if not np.isfinite(tolerance):
             raise InputError(f"has no lower and upper limit of '{quantity}'; add both, or leave --limits out", limits)
     values = np.array([run.values[quantity] for run in runs])
-    found = study(values, [run.unit for run in runs], [run.station for run in runs], tolerance)
+    found = archive.gauge(values, [run.unit for run in runs], [run.station for run in runs], tolerance)
     return GaugeJudged(quantity, units[quantity], found, left_out)

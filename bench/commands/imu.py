@@ -6,18 +6,15 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench import analysis, deliver
 from bench.base import InputError
 from bench.commands.files import write
 from bench.commands.imu_rows import Measured, measured
 from bench.commands.results.analyse import ImuCalibrated, ImuVerified
 from bench.record import ImuRecord, prove
-
-if TYPE_CHECKING:
-    from bench.analysis import Estimate, ImuCalibration, ImuRows
 
 TABLE = "parameters.csv"
 
@@ -29,27 +26,25 @@ def imu(
 
     `out`: a CSV for the parameters; or a JSON file for the record; or a folder for the record, the CSV and a report.
     """
-    from bench.analysis import ImuCalibration, after, diagnose_imu, refuse_undetermined
-
     if out is not None and not out.parent.is_dir():
         raise InputError(f"folder {out.parent} does not exist; make it first", out)
     given = measured(sources, plan_file)
     rows, plan = given.rows, given.plan
     model = plan.orders.model()
     for triad in (rows.gyro, rows.accelerometer):
-        refuse_undetermined(triad, model)
-    found = diagnose_imu(rows.gyro, rows.accelerometer, plan.latitude_deg, model, plan.reference)
+        analysis.refuse_undetermined(triad, model)
+    found = analysis.diagnose_imu(rows.gyro, rows.accelerometer, plan.latitude_deg, model, plan.reference)
     low, high = _range(rows)
     temperatures = tuple(np.unique(np.round(np.linspace(low, high, 6), 1)).tolist()) if high - low > 1.0 else (low,)
     estimates = tuple(e for triad in found.fit.triads for e in triad.estimates(temperatures))
-    undetermined = tuple(str(one) for triad in found.fit.triads for one in after(triad, temperatures))
+    undetermined = tuple(str(one) for triad in found.fit.triads for one in analysis.after(triad, temperatures))
     files: Sequence[Path] = ()
     if out is not None and out.suffix == ".csv":
         write(out, parameters_csv(estimates))
         files = [out]
     elif out is not None:
         own = unit or given.unit
-        made = ImuCalibration(
+        made = analysis.ImuCalibration(
             own, plan, rows, found, (low, high), estimates, undetermined, given.simulated, given.sample_hz
         )
         files = _kept(made, given, out)
@@ -73,37 +68,33 @@ def verify_imu(
 
     Where the calibration is a folder, the verdict is kept there, and stands in its report.
     """
-    from bench.analysis import load_limits
-    from bench.analysis import verify_imu as verify
-    from bench.deliver import write_imu_report
-
     record = ImuRecord.of(calibration)
     prove(calibration if calibration.is_dir() else calibration.parent)
     given, known = measured(sources, plan_file), {source.sha256 for source in record.sources}
     for source, own in zip(sources, given.files, strict=False):
         if own.sha256 in known:
             raise InputError("is what this calibration was fitted to; verify with another run or table", source)
-    limits = None if limits_path is None else load_limits(limits_path)
-    found = verify(record, given.rows, limits, given.files)
+    limits = None if limits_path is None else analysis.load_limits(limits_path)
+    found = analysis.verify_imu(record, given.rows, limits, given.files)
     if not calibration.is_dir():
         return ImuVerified(sources[0], calibration, found)
-    return ImuVerified(sources[0], calibration, found, (found.write(calibration), write_imu_report(calibration)))
+    return ImuVerified(
+        sources[0], calibration, found, (found.write(calibration), deliver.write_imu_report(calibration))
+    )
 
 
-def _kept(made: ImuCalibration, given: Measured, out: Path) -> list[Path]:
+def _kept(made: analysis.ImuCalibration, given: Measured, out: Path) -> list[Path]:
     """Write the record and, into a folder, what people look at."""
-    from bench.deliver import write_imu_report
-
     record = made.record(given.columns, given.files)
     if out.suffix == ".json":
         return [record.write(out.parent, out.name)]
     out.mkdir(exist_ok=True)
     paths = [record.write(out), out / TABLE]
     write(out / TABLE, parameters_csv(made.estimates))
-    return [*paths, write_imu_report(out)]
+    return [*paths, deliver.write_imu_report(out)]
 
 
-def parameters_csv(estimates: Iterable[Estimate]) -> str:
+def parameters_csv(estimates: Iterable[analysis.Estimate]) -> str:
     """A line for each parameter and temperature."""
     text = io.StringIO(newline="")
     writer = csv.writer(text)
@@ -112,7 +103,7 @@ def parameters_csv(estimates: Iterable[Estimate]) -> str:
     return text.getvalue()
 
 
-def _range(rows: ImuRows) -> tuple[float, float]:
+def _range(rows: analysis.ImuRows) -> tuple[float, float]:
     """Temperatures that all six axes had [degC]."""
     both = np.hstack([rows.gyro.temperature, rows.accelerometer.temperature])
     return float(both.min(axis=0).max()), float(both.max(axis=0).min())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from pathlib import Path
 
+from bench import deliver
 from bench.base import InputError
 from bench.commands.certifying import CertificateOptions, Desk, Document, publish
 from bench.commands.results.deliver import ImuCertified
@@ -22,18 +23,16 @@ def imu_certificate(folder: Path, options: CertificateOptions, out: Path | None)
     InputError where the record is not proven, has findings or undetermined parameters, or where laboratory, signatory
     or equipment is missing and it is no draft.
     """
-    from bench.deliver import imu_dcc, imu_facts, refuse_overdue, typeset_pdf
-
     record = ImuRecord.of(folder)
     _refuse(folder, record, options)
     verified = ImuVerificationRecord.find(folder)
     desk = Desk.of(folder, options)
-    refuse_overdue(desk.equipment, datetime.fromisoformat(record.created).date())
+    deliver.refuse_overdue(desk.equipment, datetime.fromisoformat(record.created).date())
     document = Document(
         record.simulated,
-        lambda issue: imu_facts(record, verified, desk.laboratory, desk.equipment, desk.issued, issue),
-        imu_dcc,
-        lambda content, xml: typeset_pdf(content, {}, xml, desk.issued, "imu"),
+        lambda issue: deliver.imu_facts(record, verified, desk.laboratory, desk.equipment, desk.issued, issue),
+        deliver.imu_dcc,
+        lambda content, xml: deliver.typeset_pdf(content, {}, xml, desk.issued, "imu"),
     )
     pdf, content = publish(folder, options, desk, document, out)
     return ImuCertified(folder, pdf, pdf.with_suffix(".json"), pdf.with_suffix(".xml"), content)

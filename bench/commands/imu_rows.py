@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import acquisition, analysis
 from bench.base import FloatArray, InputError
 from bench.record import ImuSource, Manifest, sha256
-
-if TYPE_CHECKING:
-    from bench.analysis import ImuPlan, ImuRows
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
     """Rows that are fitted, their plan, and what they were made of."""
 
-    rows: ImuRows
-    plan: ImuPlan
+    rows: analysis.ImuRows
+    plan: analysis.ImuPlan
     columns: Mapping[str, FloatArray]
     """Channels of the table, or of the first run, which the plan is of."""
     files: tuple[ImuSource, ...]
@@ -34,13 +31,10 @@ class Measured:
 
 def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
     """What the sources hold; InputError where sources and plan do not go together."""
-    from bench.acquisition import read_confined
-    from bench.analysis import load_imu_plan, load_run_options, rows_of, rows_of_runs
-
     tables = [source for source in sources if not source.is_dir()]
     planned = () if plan_file is None else (_digest(plan_file, plan_file.name),)
     if not tables:
-        runs = rows_of_runs(sources, load_run_options(plan_file))
+        runs = analysis.rows_of_runs(sources, analysis.load_run_options(plan_file))
         files = tuple(_digest(source / "means.parquet", f"{source.name}/means.parquet") for source in sources)
         manifests = [Manifest.read(source) for source in sources]
         simulated, sample_hz = any(one.simulated for one in manifests), manifests[0].sample_rate_hz
@@ -49,9 +43,11 @@ def measured(sources: Sequence[Path], plan_file: Path | None) -> Measured:
         raise InputError("one table is calibrated at a time, or run folders alone; name one of them", tables[0])
     if plan_file is None:
         raise InputError("is a table, which does not say its attitudes: give a plan with --plan", tables[0])
-    plan, document = load_imu_plan(plan_file)
-    columns = read_confined(tables[0]).columns
-    return Measured(rows_of(columns, plan, document), plan, columns, (_digest(tables[0], tables[0].name), *planned))
+    plan, document = analysis.load_imu_plan(plan_file)
+    columns = acquisition.read_confined(tables[0]).columns
+    return Measured(
+        analysis.rows_of(columns, plan, document), plan, columns, (_digest(tables[0], tables[0].name), *planned)
+    )
 
 
 def _digest(path: Path, name: str) -> ImuSource:

@@ -13,10 +13,11 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
+from bench import archive, deliver
 from bench.base import InputError
 from bench.commands.files import write
 from bench.commands.papers import EQUIPMENT
-from bench.commands.registering import registry_tell
+from bench.commands.registering import existing, registry_tell
 from bench.commands.results.stock import CertificatesListed, Noted, Recalled
 from bench.record import MANIFEST, CertificateRecord, ImuRecord, sha256
 
@@ -52,11 +53,9 @@ class Shelf:
     @classmethod
     def around(cls, run: Path) -> Shelf:
         """Those of the run's unit in its archive; only those of the run where it is in none."""
-        from bench.archive import is_archive
-
         folder = run.resolve()
         root = folder.parent.parent
-        folders = sorted(folder.parent.glob("*/")) if is_archive(root) else [folder]
+        folders = sorted(folder.parent.glob("*/")) if archive.is_archive(root) else [folder]
         return cls({one.record.number: one for one in _found(folders)}, _withdrawn(root))
 
     @classmethod
@@ -99,17 +98,13 @@ def _found(folders: list[Path]) -> Iterator[Issued]:
 
 
 def _withdrawn(root: Path) -> dict[str, Mapping[str, Any]]:
-    from bench.archive import archive, is_archive
-
-    entries = archive(root).entries() if is_archive(root) else []
+    entries = archive.archive(root).entries() if archive.is_archive(root) else []
     return {str(entry["number"]): entry for entry in entries if entry.get("kind") == "withdrawal"}
 
 
 def state_in(root: Path, number: str) -> str | None:
     """Whether a certificate of an archive is in force, in words; None where the archive does not know it."""
-    from bench.archive import is_archive
-
-    shelf = Shelf.of_archive(root) if is_archive(root) else Shelf({}, {})
+    shelf = Shelf.of_archive(root) if archive.is_archive(root) else Shelf({}, {})
     return (shelf.over(number) or "is in force") if number in shelf.issued else None
 
 
@@ -133,13 +128,10 @@ def registry_recall(root: Path, where: str | None, equipment: str, since: date |
 
     What a run was made with stands in its folder; the certificate's own equipment counts as well.
     """
-    from bench.archive import archive, certificates, runs
-    from bench.commands.registering import existing
-
     with existing(root, where) as registry:
-        ledger, every = archive(root), runs(registry)
+        ledger, every = archive.archive(root), archive.runs(registry)
         numbers: dict[str, list[str]] = {}
-        for row in certificates(registry):
+        for row in archive.certificates(registry):
             numbers.setdefault(row["path"], []).append(str(row["number"]))
     recalled, unknown, elsewhere = [], 0, 0
     for row in sorted(every, key=lambda row: str(row["created"])):
@@ -159,9 +151,7 @@ def registry_recall(root: Path, where: str | None, equipment: str, since: date |
 
 def _equipment_of(folder: Path) -> set[str]:
     """Names and serial numbers of what a run and its certificate rest on."""
-    from bench.deliver import load_instruments
-
-    tools = [] if not (folder / EQUIPMENT).is_file() else list(load_instruments(folder / EQUIPMENT))
+    tools = [] if not (folder / EQUIPMENT).is_file() else list(deliver.load_instruments(folder / EQUIPMENT))
     names = {text.casefold() for tool in tools for text in (tool.name, tool.serial)}
     record = CertificateRecord.find(folder)
     extra = {} if record is None else record.content()
@@ -172,8 +162,5 @@ def _equipment_of(folder: Path) -> set[str]:
 
 def registry_certificates(root: Path, where: str | None, unit: str | None) -> CertificatesListed:
     """`bench registry certificates`: every certificate, and whether it is in force."""
-    from bench.archive import certificates
-    from bench.commands.registering import existing
-
     with existing(root, where) as registry:
-        return CertificatesListed(registry.url, certificates(registry, unit))
+        return CertificatesListed(registry.url, archive.certificates(registry, unit))

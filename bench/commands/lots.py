@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench import acquisition, analysis
 from bench.base import FloatArray, InputError, __version__, finite
 from bench.commands.acquisition import load_station
 from bench.commands.analysis import recovered, usual_means
+from bench.commands.ending_early import prior_of, records_of
 from bench.commands.files import write
 from bench.commands.results.stock import LotAudited, LotCalibrated, LotChecked, LotCompleted, LotPlanned
 from bench.record import (
@@ -31,9 +32,6 @@ from bench.record import (
     write_samples,
 )
 
-if TYPE_CHECKING:
-    from bench.analysis import Likeness, Lot
-
 OUTCOMES = ("stopped", "audit", "unlike", "whole")
 BETWEEN_S = 864_000.0
 """Between two runs in the record of a lot: effects with memory begin anew after ten days."""
@@ -41,12 +39,9 @@ BETWEEN_S = 864_000.0
 
 def calibrate_lot(runs: Sequence[Path], lot: str, model: str, out: Path) -> LotCalibrated:
     """`bench lot calibrate`: one model for all units of these runs, as a run folder of the lot."""
-    from bench.analysis import calibrate_lot as calibrate
-    from bench.analysis import load_model
-
-    wanted = load_model(model)
+    wanted = analysis.load_model(model)
     records = usual_means(recovered(runs))
-    found = calibrate(wanted, records)
+    found = analysis.calibrate_lot(wanted, records)
     run = _folder(records, lot, [Manifest.read(path) for path in runs], out)
     whole = load(run.path, records[0].interval_s)
     CalibrationRecord.model_validate(found.calibration(run.manifest(), whole)).write(run.path)
@@ -58,8 +53,6 @@ def calibrate_lot(runs: Sequence[Path], lot: str, model: str, out: Path) -> LotC
 def audits(folder: Path, out: Path) -> LotAudited:
     """`bench lot audits`: what runs that ended early saved, and whether the audits bear their stated errors out."""
     import scipy
-
-    from bench.commands.ending_early import records_of
 
     found = list(records_of(out, folder))
     if not found:
@@ -85,17 +78,13 @@ def plan_lot(folder: Path, target_dph: float, profile: Path | None, station: Pat
 
     Rates are those of the lot's runs, or up to those of a station's chamber. InputError where no plan is.
     """
-    from bench.acquisition import profile_from_text
-    from bench.analysis import shortest
-    from bench.commands.ending_early import prior_of
-
     prior, lot = prior_of(folder), LotRecord.read(folder)
     fastest = None
     if station is not None:
         chamber, ends = load_station(station).limits(), prior.cells.borders
         fastest = _throughout(chamber.heating, ends), _throughout(chamber.cooling, ends)
     try:
-        found = shortest(prior, target_dph, fastest)
+        found = analysis.shortest(prior, target_dph, fastest)
     except InputError as error:
         raise InputError(f"lot {lot.lot}: {error}", folder) from None
     path = profile or Path(f"short_{slug(lot.lot)}.yaml")
@@ -108,7 +97,7 @@ def plan_lot(folder: Path, target_dph: float, profile: Path | None, station: Pat
         error_dph=found.error_dph,
         low_dph=found.low_dph,
         high_dph=found.high_dph,
-        hours=profile_from_text(text).duration_s / 3600.0,
+        hours=acquisition.profile_from_text(text).duration_s / 3600.0,
         whole_hours=found.whole_s / 3600.0,
     )
 
@@ -127,9 +116,6 @@ def complete_unit(folder: Path, run: Path, out: Path) -> LotCompleted:
 
     InputError where the run does not go through all temperatures of the lot, or the unit is unlike it.
     """
-    from bench.analysis import completed
-    from bench.commands.ending_early import prior_of
-
     prior, lot = prior_of(folder), LotRecord.read(folder).lot
     own = usual_means(recovered([run]))[0]
     seen, likeness = prior.expected(own).seen, prior.like(own)
@@ -138,16 +124,14 @@ def complete_unit(folder: Path, run: Path, out: Path) -> LotCompleted:
     if likeness is None or not likeness.like:
         raise InputError(f"unit {own.unit} is unlike lot {lot}; give it the whole run and calibrate it by itself", run)
     made = _folder([own], own.unit, [Manifest.read(run)], out)
-    found, content = completed(prior, lot, load(made.path, own.interval_s), made.manifest())
+    found, content = analysis.completed(prior, lot, load(made.path, own.interval_s), made.manifest())
     CalibrationRecord.model_validate(content).write(made.path)
     return LotCompleted(made.path, lot, found.error_dph, found.low_dph, found.high_dph)
 
 
 def check_lot(folder: Path, runs: Sequence[Path]) -> LotChecked:
     """`bench lot check`: whether the unit of each run is like the lot."""
-    from bench.analysis import by_unit
-
-    units = by_unit(usual_means(recovered(runs)))
+    units = analysis.by_unit(usual_means(recovered(runs)))
     return LotChecked(folder, LotRecord.read(folder).lot, _likeness(folder, units))
 
 
@@ -168,17 +152,15 @@ def refuse_unlike(folder: Path, serial: str, run: Path | None) -> None:
         )
 
 
-def _likeness(folder: Path, units: Mapping[str, Sequence[Dataset]]) -> dict[str, Likeness]:
-    from bench.analysis import Cells, likeness
-
+def _likeness(folder: Path, units: Mapping[str, Sequence[Dataset]]) -> dict[str, analysis.Likeness]:
     record = LotRecord.read(folder)
-    cells = Cells(np.array(record.borders_degc))
+    cells = analysis.Cells(np.array(record.borders_degc))
     table = np.array([unit.cells_dph for unit in record.units], dtype=np.float64)
-    found = likeness(table, cells, [cells.means(own) for own in units.values()])
+    found = analysis.likeness(table, cells, [cells.means(own) for own in units.values()])
     return dict(zip(units, found, strict=True))
 
 
-def _record(found: Lot, lot: str, model: str, runs: Sequence[str]) -> LotRecord:
+def _record(found: analysis.Lot, lot: str, model: str, runs: Sequence[str]) -> LotRecord:
     units = tuple(
         LotUnit(
             unit=loss.unit,

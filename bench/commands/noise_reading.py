@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench import analysis
 from bench.base import InputError
 from bench.commands.analysis import recovered
 from bench.commands.results.analyse import NoiseCoefficient, NoiseFound
@@ -13,11 +14,9 @@ from bench.record import DEFAULT_INTERVAL_S, averaged, refuse_mixed
 
 def noise(runs: Sequence[Path], output: str | None = None) -> NoiseFound:
     """`bench noise`: Allan deviation and the coefficients of IEEE 952 from where the temperature stands still."""
-    from bench.analysis import noise_floor
-
     datasets = [averaged(run, 1.0) for run in recovered(runs, output)]
     refuse_mixed(datasets)
-    floor = noise_floor(datasets, DEFAULT_INTERVAL_S)
+    floor = analysis.noise_floor(datasets, DEFAULT_INTERVAL_S)
     if floor.noise is None or floor.estimate is None:
         raise InputError(f"no noise can be read: {floor.reason}", runs[0])
     known = floor.noise

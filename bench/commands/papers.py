@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import acquisition, deliver
 from bench.base import Document, InputError, library, nearest_or_all, read_yaml
 from bench.record import slug
 from drivers.registers import is_map_file
-
-if TYPE_CHECKING:
-    from bench.acquisition import StationSettings
 
 LABORATORY, EQUIPMENT = "laboratory.yaml", "equipment.yaml"
 """As a run folder keeps them."""
@@ -40,15 +37,13 @@ class Papers:
         return cls.of_files(*kept)
 
     @classmethod
-    def of_station(cls, station: StationSettings) -> Papers:
+    def of_station(cls, station: acquisition.StationSettings) -> Papers:
         """Those that a station names; InputError where one does not exist or is wrong."""
-        from bench.deliver import load_instruments, load_laboratory
-
         found = cls.of_files(*(_named(kind, station) for kind in PAPERS))
         if found.laboratory is not None:
-            load_laboratory(found.laboratory)
+            deliver.load_laboratory(found.laboratory)
         if found.equipment is not None:
-            load_instruments(found.equipment)
+            deliver.load_instruments(found.equipment)
         return found
 
     def over(self, other: Papers) -> Papers:
@@ -61,7 +56,7 @@ class Papers:
         return {name: document.text for name, document in known.items() if document is not None}
 
 
-def own_paper(kind: str, station: StationSettings, own: Path = OWN) -> Path:
+def own_paper(kind: str, station: acquisition.StationSettings, own: Path = OWN) -> Path:
     """The user's own file of a station, whether it exists or not: the one that the station names, or by its name."""
     given = getattr(station, kind)
     if given is not None and is_map_file(given):
@@ -69,12 +64,12 @@ def own_paper(kind: str, station: StationSettings, own: Path = OWN) -> Path:
     return own / kind / f"{given or _for(station)}.yaml"
 
 
-def _for(station: StationSettings) -> str:
+def _for(station: acquisition.StationSettings) -> str:
     """Name of the file of a station that names none; none that is shipped has it."""
     return f"station_{slug(station.name)}"
 
 
-def _named(kind: str, station: StationSettings) -> Path | None:
+def _named(kind: str, station: acquisition.StationSettings) -> Path | None:
     """The user's own file of a station, or a shipped one of that name; None where it names none and there is none."""
     own, given = own_paper(kind, station), getattr(station, kind)
     if own.is_file():

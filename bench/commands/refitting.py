@@ -7,15 +7,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench import analysis, archive
 from bench.base import InputError, finite
+from bench.commands.registering import open_in
 from bench.commands.results.stock import Refitted
-
-if TYPE_CHECKING:
-    from bench.archive import Engine, Record
 
 SMALL = 4
 """Groups up to which processes take longer to start than the work."""
@@ -35,21 +33,20 @@ def refit(
     model_name: str, root: Path, where: str | None, moments: Path | None, records: Path | None, options: RefitOptions
 ) -> Refitted:
     """Refit the moments of a file, by default those of the registry's runs, and write a record a unit."""
-    from bench.analysis import OF_SUMS, check, load_model
-    from bench.archive import GROUP, refits, stored_count, stored_groups, write_records
-
-    model = load_model(model_name)
-    check(model)
+    model = analysis.load_model(model_name)
+    analysis.check(model)
     refused: list[str] = []
     left_out: tuple[str, ...] = ()
     if moments is None:
         moments, refused, left_out = _collected(root, where, options)
-    units = stored_count(moments)
+    units = archive.stored_count(moments)
     target = records or moments.with_name(f"refit_{model.name.replace(' ', '_')}.parquet")
-    name, engine = engine_of(options, -(-units // GROUP))
+    name, engine = engine_of(options, -(-units // archive.GROUP))
     summary = _Summary()
     begun = time.perf_counter()
-    count, failed = write_records(target, model, summary.of(engine(refits(model), stored_groups(moments))))
+    count, failed = archive.write_records(
+        target, model, summary.of(engine(archive.refits(model), archive.stored_groups(moments)))
+    )
     took_s = time.perf_counter() - begun
     return Refitted(
         model=model.name,
@@ -62,21 +59,20 @@ def refit(
         units_per_s=count / took_s,
         rms_dph=summary.quantiles(),
         failures=summary.failures,
-        weights={"by": "count", "reason": OF_SUMS},
+        weights={"by": "count", "reason": analysis.OF_SUMS},
         records=target,
     )
 
 
 def _collected(root: Path, where: str | None, options: RefitOptions) -> tuple[Path, list[str], tuple[str, ...]]:
-    from bench.archive import Selection, archive, collect, is_archive
-    from bench.commands.registering import open_in
-
-    if not is_archive(root):
+    if not archive.is_archive(root):
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
     path = root / "moments.parquet"
     with open_in(root, where) as registry:
-        selection = Selection(options.profile)
-        done = collect(registry, archive(root), path, lambda groups: engine_of(options, groups)[1], selection)
+        selection = archive.Selection(options.profile)
+        done = archive.collect(
+            registry, archive.archive(root), path, lambda groups: engine_of(options, groups)[1], selection
+        )
     if not done.rows:
         raise InputError(
             f"no finished run has moments: {'; '.join([*done.refused[:1], *done.left_out]) or 'none is registered'}",
@@ -85,10 +81,8 @@ def _collected(root: Path, where: str | None, options: RefitOptions) -> tuple[Pa
     return path, done.refused, done.left_out
 
 
-def engine_of(options: RefitOptions, groups: int) -> tuple[str, Engine]:
+def engine_of(options: RefitOptions, groups: int) -> tuple[str, archive.Engine]:
     """Name and engine for so many groups."""
-    from bench.archive import dask_engine, local_engine
-
     if options.workers is not None and options.workers < 1:
         raise InputError(f"--workers is {options.workers}, at least 1 is needed")
     workers = options.workers or os.cpu_count() or 1
@@ -98,10 +92,10 @@ def engine_of(options: RefitOptions, groups: int) -> tuple[str, Engine]:
     if options.scheduler and name != "dask":
         raise InputError(f"--scheduler is for --engine dask, not {name}")
     if name == "dask":
-        return f"dask, {options.scheduler or f'{workers} workers'}", dask_engine(workers, options.scheduler)
+        return f"dask, {options.scheduler or f'{workers} workers'}", archive.dask_engine(workers, options.scheduler)
     if name == "serial" or workers == 1:
-        return "serial", local_engine(1)
-    return f"pool, {workers} workers", local_engine(workers)
+        return "serial", archive.local_engine(1)
+    return f"pool, {workers} workers", archive.local_engine(workers)
 
 
 class _Summary:
@@ -111,7 +105,7 @@ class _Summary:
         self._rms: list[float] = []
         self.failures: list[str] = []
 
-    def of(self, records: Iterator[list[Record]]) -> Iterator[list[Record]]:
+    def of(self, records: Iterator[list[archive.Record]]) -> Iterator[list[archive.Record]]:
         for some in records:
             self._rms += [record.rms_dph for record in some if record.rms_dph is not None]
             wrong = (f"{record.unit}: {record.error}" for record in some if record.error is not None)

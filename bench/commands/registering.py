@@ -6,17 +6,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from datetime import date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench import archive
 from bench.base import InputError
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven
 from bench.commands.results.stock import EquipmentListed, Noted, RegisteredRuns, RegistryEntry, RegistryRebuilt
 from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256, slug
-
-if TYPE_CHECKING:
-    from bench.archive import Entry, Registry
-
 
 _REBUILD = "make the registry again with `bench registry rebuild`"
 
@@ -40,33 +37,28 @@ def register_runs(runs: Sequence[Path], where: str | None, begin: bool) -> str |
 
 def _belongs(run: Path) -> bool:
     """Whether a run is one of an archive, perhaps of one whose first run was killed before the archive was begun."""
-    from bench.archive import FILE, is_archive
-
     root, made = _root(run), chain_of(run)
     recorded_here = made is not None and (slug(made.unit), made.run) == (run.parent.name, run.name)
-    begun = is_archive(root) or (root / FILE).is_file() or chain_of(root) is not None
+    begun = archive.is_archive(root) or (root / archive.FILE).is_file() or chain_of(root) is not None
     return begun or (recorded_here and RunFolder(run).journal.is_dir())
 
 
 def register(runs: Sequence[Path], where: str | None = None) -> None:
     """Register run folders; each is <archive>/<unit>/<run>. Errors are those of the registry."""
-    from bench.archive import archive
     from bench.archive import register as write
 
     for root in dict.fromkeys(_root(run) for run in runs):
         _refuse_lost(root)
-        ledger = archive(root)
+        ledger = archive.archive(root)
         with open_in(root, where) as registry:
             for run in runs:
                 if _root(run) == root:
                     write(registry, RunFolder(run), ledger)
 
 
-def open_in(root: Path, where: str | None) -> Registry:
+def open_in(root: Path, where: str | None) -> archive.Registry:
     """The registry at `where`, by default the file in the archive."""
-    from bench.archive import FILE, open_registry
-
-    return open_registry(where or root / FILE, checked=True)
+    return archive.open_registry(where or root / archive.FILE, checked=True)
 
 
 def _root(run: Path) -> Path:
@@ -75,10 +67,8 @@ def _root(run: Path) -> Path:
 
 def registry_list(root: Path, where: str | None, unit: str | None, most: int) -> RegisteredRuns:
     """`bench registry list`: runs, the newest first."""
-    from bench.archive import runs
-
     with existing(root, where) as registry:
-        found = runs(registry, unit, most)
+        found = archive.runs(registry, unit, most)
         _tell_unlike(root, registry.url, found)
         tell_ahead((row["path"], row["created"] or "") for row in found)
         return RegisteredRuns(registry.url, found)
@@ -86,10 +76,8 @@ def registry_list(root: Path, where: str | None, unit: str | None, most: int) ->
 
 def registry_show(root: Path, where: str | None, name: str) -> RegistryEntry:
     """`bench registry show`: all about a unit or a run."""
-    from bench.archive import show
-
     with existing(root, where) as registry:
-        found = show(registry, name)
+        found = archive.show(registry, name)
         _tell_unlike(root, registry.url, found.get("runs") or [found["run"]])
         return RegistryEntry(found)
 
@@ -101,25 +89,21 @@ def registry_rebuild(
 
     The archive may have been `moved` since the registry saw it, or be `copied` from another one.
     """
-    from bench.archive import archive, rebuild
-
     if not root.is_dir():
         raise InputError("no such folder; name the folder of the run folders with --out", root)
     _refuse_lost(root)
     tell_unproven(*(path.parent for path in sorted(root.glob(f"*/*/{MANIFEST}"))))
     with existing(root, where) if only_compare else open_in(root, where) as registry:
-        ledger = archive(root).renewed() if copied else archive(root)
-        done = rebuild(registry, ledger, only_compare=only_compare, moved=moved)
+        ledger = archive.archive(root).renewed() if copied else archive.archive(root)
+        done = archive.rebuild(registry, ledger, only_compare=only_compare, moved=moved)
         return RegistryRebuilt(registry.url, done, only_compare)
 
 
-def registry_tell(root: Path, where: str | None, entry: Entry) -> Noted:
+def registry_tell(root: Path, where: str | None, entry: archive.Entry) -> Noted:
     """Write what a person said into ledger and registry."""
-    from bench.archive import archive, tell
-
-    ledger = archive(root)
+    ledger = archive.archive(root)
     with open_in(root, where) as registry:
-        tell(registry, ledger, entry)
+        archive.tell(registry, ledger, entry)
     return Noted(ledger.path, entry)
 
 
@@ -141,14 +125,12 @@ def add_equipment(root: Path, where: str | None, name: str, serial: str, kind: s
 
 def registry_equipment(root: Path, where: str | None, on: date) -> EquipmentListed:
     """`bench registry equipment list`: what is due first on top."""
-    from bench.archive import archive, equipment, is_archive, of_ledger, plain
-
     with existing(root, where) as registry:
-        found = [plain(row) for row in equipment(registry)]
-        entered = of_ledger(archive(root))["equipment"] if is_archive(root) else {}
+        found = [archive.plain(row) for row in archive.equipment(registry)]
+        entered = archive.of_ledger(archive.archive(root))["equipment"] if archive.is_archive(root) else {}
         for row in found:
             known = entered.get((row["name"], row["serial"]))
-            if known is not None and plain(known) != row:
+            if known is not None and archive.plain(known) != row:
                 raise InputError(f"{row['name']} {row['serial']} is not what the ledger says; {_REBUILD}", registry.url)
     for row in found:
         row["state"] = (
@@ -175,27 +157,27 @@ def refuse_foreign(folder: Path) -> None:
 
 def seen_in(root: Path) -> dict[str, tuple[int | None, str]]:
     """The runs that the ledger of an archive saw, by path: line, and hash of the manifest; none without a ledger."""
-    from bench.archive import archive, is_archive
-
-    return archive(root).seen() if is_archive(root) else {}
+    return archive.archive(root).seen() if archive.is_archive(root) else {}
 
 
-def existing(root: Path, where: str | None) -> Registry:
+def existing(root: Path, where: str | None) -> archive.Registry:
     """The registry that is there; InputError, with the way to one, where the archive has none."""
-    from bench.archive import FILE, archive, is_archive, known_runs
-
-    if where is None and not (root / FILE).is_file():
-        raise InputError("no registry here yet; make it with `bench registry rebuild --out FOLDER`", root / FILE)
+    if where is None and not (root / archive.FILE).is_file():
+        raise InputError(
+            "no registry here yet; make it with `bench registry rebuild --out FOLDER`", root / archive.FILE
+        )
     if where is None:
         _refuse_lost(root)
     registry = open_in(root, where)
-    if is_archive(root):
-        ledger = archive(root)
-        here, mine = known_runs(registry, ledger.id)
+    if archive.is_archive(root):
+        ledger = archive.archive(root)
+        here, mine = archive.known_runs(registry, ledger.id)
         lacking = len(ledger.seen().keys() - mine)
         if where is None and not here and (lacking or any(root.glob(f"*/*/{MANIFEST}"))):
             registry.close()
-            raise InputError("knows nothing of this archive; make it again with `bench registry rebuild`", root / FILE)
+            raise InputError(
+                "knows nothing of this archive; make it again with `bench registry rebuild`", root / archive.FILE
+            )
         if lacking:
             text = f"{lacking} runs of the ledger are not in the registry; `bench registry rebuild` adds them"
             print(f"bench: {registry.url}: {text}", file=sys.stderr)
@@ -204,11 +186,9 @@ def existing(root: Path, where: str | None) -> Registry:
 
 def _tell_unlike(root: Path, url: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """InputError where a row is not what the folder of its run says, as far as that is here."""
-    from bench.archive import archive, is_archive, of_run
-
-    if not is_archive(root):
+    if not archive.is_archive(root):
         return
-    ledger = archive(root)
+    ledger = archive.archive(root)
     seen = ledger.seen()
     tell_unproven(*(root / row["path"] for row in rows if row["archive"] == ledger.id))
     for row in rows:
@@ -218,7 +198,7 @@ def _tell_unlike(root: Path, url: str, rows: Sequence[Mapping[str, Any]]) -> Non
         if not (folder / MANIFEST).is_file():
             print(f"bench: {folder / MANIFEST}: is not here, the registry knows it", file=sys.stderr)
             continue
-        (known,) = of_run(RunFolder(folder), ledger, seen)["runs"].values()
+        (known,) = archive.of_run(RunFolder(folder), ledger, seen)["runs"].values()
         unlike = [key for key, value in known.items() if row.get(key) != value]
         if unlike:
             raise InputError(f"run {row['path']}: {unlike[0]} is not what its folder says; {_REBUILD}", url)
@@ -226,9 +206,7 @@ def _tell_unlike(root: Path, url: str, rows: Sequence[Mapping[str, Any]]) -> Non
 
 def _refuse_lost(root: Path) -> None:
     """InputError where the ledger of an archive is lost: a new one would be of another archive."""
-    from bench.archive import FILE, is_archive
-
-    if (root / FILE).is_file() and not is_archive(root):
+    if (root / archive.FILE).is_file() and not archive.is_archive(root):
         raise InputError(
-            "ledger.jsonl, which belongs to this registry, is missing; restore it from a backup", root / FILE
+            "ledger.jsonl, which belongs to this registry, is missing; restore it from a backup", root / archive.FILE
         )

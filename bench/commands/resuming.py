@@ -5,17 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import acquisition
 from bench.base import Document, InputError, load_config, read_yaml
 from bench.commands.acquisition import carry_out, station_of
 from bench.commands.analysis import kept_models
+from bench.commands.results.analyse import Reported, UnitsReported
 from bench.commands.several import report_on_units
 from bench.record import RunFolder, use
-
-if TYPE_CHECKING:
-    from bench.acquisition import Job, RunResult, StationSettings
-    from bench.commands.results.analyse import Reported, UnitsReported
 
 QUIET_S = 3.0
 """A bench that runs writes its journals at least once a second."""
@@ -27,27 +24,25 @@ def go_on(run: RunFolder, station: Path | None, quiet: bool) -> Reported | Units
     return report_on_units(carry_out(job, quiet), models)
 
 
-def continued(run: RunFolder, station: Path | Document | None, quiet: bool) -> RunResult:
+def continued(run: RunFolder, station: Path | Document | None, quiet: bool) -> acquisition.RunResult:
     """Append what is left of a recovered run as a new part; InputError when there is nothing to go on with."""
     return carry_out(_rest(run, station), quiet)
 
 
-def _rest(run: RunFolder, given: Path | Document | None) -> Job:
+def _rest(run: RunFolder, given: Path | Document | None) -> acquisition.Job:
     """What is left to do; InputError when there is nothing to go on with."""
-    from bench.acquisition import Job, StationSettings, check_profile, load_profile, plan, refuse_errors
-
     if not any(run.journal.glob("*.gtbj")):
         raise InputError("this run has no journals (it was imported): nothing to resume", run.path)
     use(run.path, "profile.yaml", "station.yaml")
     profile_file = read_yaml(run.path / "profile.yaml")
     station_file = given if isinstance(given, Document) else read_yaml(given or run.path / "station.yaml")
-    profile = load_profile(profile_file)
-    station = station_of(station_file) if given else _unmoved(load_config(station_file, StationSettings))
-    refuse_errors(check_profile(profile, station.limits()))
-    continuation = plan(run, profile, station)
+    profile = acquisition.load_profile(profile_file)
+    station = station_of(station_file) if given else _unmoved(load_config(station_file, acquisition.StationSettings))
+    acquisition.refuse_errors(acquisition.check_profile(profile, station.limits()))
+    continuation = acquisition.plan(run, profile, station)
     if not station.simulated:
         _refuse_growing(run)
-    return Job(
+    return acquisition.Job(
         profile=profile,
         profile_text=profile_file.text,
         station=continuation.units(station).remembering(run.path.parent.parent),
@@ -59,7 +54,7 @@ def _rest(run: RunFolder, given: Path | Document | None) -> Job:
     )
 
 
-def _unmoved(station: StationSettings) -> StationSettings:
+def _unmoved(station: acquisition.StationSettings) -> acquisition.StationSettings:
     """A station by its copy in the run folder: what the station file names beside itself is not beside the copy."""
     if station.notify is None or Path(station.notify).is_file():
         return station

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from bench import archive
 from bench.base import InputError
 from bench.commands.results.stock import Scrubbed
 from bench.record import CHAIN, MANIFEST, ChainRecord, JobRecord, faults, sha256
@@ -27,14 +28,12 @@ def verify_archive(root: Path) -> Scrubbed:
 
 
 def _of_ledger(root: Path) -> Iterator[str]:
-    from bench.archive import archive, is_archive
-
-    if not is_archive(root):
+    if not archive.is_archive(root):
         yield f"{root}: ledger.jsonl is missing: nothing says which runs there were"
         return
     yield from faults(root)
     try:
-        ledger = archive(root)
+        ledger = archive.archive(root)
         yield from ledger.broken()
         for path, (line, digest) in ledger.seen().items():
             manifest = root / path / MANIFEST

@@ -5,20 +5,16 @@ from __future__ import annotations
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import acquisition, analysis
 from bench.base import BenchError, InputError
 from bench.commands.analysis import of_one, of_outputs, report_on
 from bench.commands.results.analyse import NotAnalysed, Reported, UnitReport, UnitsReported
 from bench.record import MANIFEST, RunFolder, apart
 
-if TYPE_CHECKING:
-    from bench.acquisition import RunResult, UnitResult
-    from bench.analysis import Limits, Model
-
 
 def report_on_units(
-    result: RunResult, models: Sequence[Model], limits: Limits | None = None
+    result: acquisition.RunResult, models: Sequence[analysis.Model], limits: analysis.Limits | None = None
 ) -> Reported | UnitsReported:
     """Analyse what a run left: that of its unit, or those of all its units."""
     if len(result.units) > 1:
@@ -30,11 +26,11 @@ def report_on_units(
 
 def report_on_outputs(  # noqa: PLR0913, PLR0917 - options of one command
     run: RunFolder,
-    models: Sequence[Model],
+    models: Sequence[analysis.Model],
     error: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
-    limits: Limits | None = None,
+    limits: analysis.Limits | None = None,
     sisters: Sequence[Path] = (),
 ) -> Reported | UnitsReported:
     """Analyse each rate of a unit by itself, with the same rate of the further runs."""
@@ -51,7 +47,9 @@ def report_on_outputs(  # noqa: PLR0913, PLR0917 - options of one command
     return UnitsReported(tuple(reports))
 
 
-def report_on_all(units: Sequence[UnitResult], models: Sequence[Model], limits: Limits | None = None) -> UnitsReported:
+def report_on_all(
+    units: Sequence[acquisition.UnitResult], models: Sequence[analysis.Model], limits: analysis.Limits | None = None
+) -> UnitsReported:
     """Analyse each rate of each unit and write its report; one that fails does not take those of the others with it."""
     reports = []
     for unit in units:
@@ -78,11 +76,11 @@ def _apart(run: RunFolder) -> list[RunFolder]:
 
 def _report_on(  # noqa: PLR0913, PLR0917 - options of one command
     run: RunFolder,
-    models: Sequence[Model],
+    models: Sequence[analysis.Model],
     ended: BenchError | None,
     check: Sequence[Path] = (),
     static: Path | None = None,
-    limits: Limits | None = None,
+    limits: analysis.Limits | None = None,
     sisters: Sequence[Path] = (),
 ) -> Reported | NotAnalysed:
     try:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from bench import analysis
 from bench.base import Document, InputError, dump, nearest_or_all
 
 LONGEST = 64
@@ -45,14 +46,12 @@ def _refuse_wrong(new: str, slot: str, others: set[str], station: Document) -> N
 
 
 def _renamed(entry: dict[str, Any], moved: dict[str, str], station: Document) -> dict[str, Any]:
-    from bench.analysis import serial_number
-
     new = moved.get(str(entry.get("serial")))
     if new is None:
         return entry
     changed = {**entry, "serial": new}
     if entry.get("identity") is not None:
-        number = serial_number(new)
+        number = analysis.serial_number(new)
         if number is None:
             text = (
                 f"serial number '{new}' has no digits: the station checks the number that the unit sends (`identity`)"

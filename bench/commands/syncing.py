@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from bench import archive, record
 from bench.base import CentreError, InputError, is_run_id
 from bench.commands.registering import open_in
 from bench.commands.results.centre import (
@@ -26,77 +27,62 @@ ENVIRONMENT = "BENCH_CENTRE"
 
 def sync_send(url: str, out: Path, *, moved: bool = False) -> RunsSent:
     """`bench sync send`: what the centre lacks of the archive in `out`."""
-    from bench.archive import archive, reached, send
-
-    ledger = archive(_archive(out))
-    centre = reached(url, ledger)
-    return RunsSent(centre.url, send(centre, ledger, moved=moved, tell=_tell))
+    ledger = archive.archive(_archive(out))
+    centre = archive.reached(url, ledger)
+    return RunsSent(centre.url, archive.send(centre, ledger, moved=moved, tell=_tell))
 
 
 def sync_status(url: str, out: Path) -> OutboxFound:
     """`bench sync status`: what waits; from the last answer where the centre is not reached."""
-    from bench.archive import archive, named, outbox, reached
-
-    ledger, error = archive(_archive(out)), ""
+    ledger, error = archive.archive(_archive(out)), ""
     try:
-        found = outbox(reached(url, ledger), ledger, named(url))
+        found = archive.outbox(archive.reached(url, ledger), ledger, archive.named(url))
     except CentreError as unreached:
         error = str(unreached)
-        found = outbox(None, ledger, named(url))
-    return OutboxFound(named(url), found, error)
+        found = archive.outbox(None, ledger, archive.named(url))
+    return OutboxFound(archive.named(url), found, error)
 
 
 def sync_list(url: str) -> CentreListed:
     """`bench sync list`: the folders of a centre, by their ids."""
-    from bench.archive import Centre, newest
-
-    centre = Centre(url)
-    return CentreListed(centre.url, sorted(newest(centre).values()))
+    centre = archive.Centre(url)
+    return CentreListed(centre.url, sorted(archive.newest(centre).values()))
 
 
 def sync_fetch(
     url: str, runs: Sequence[str], out: Path, where: str | None = None, *, large: bool = False, replace: bool = False
 ) -> RunsFetched:
     """`bench sync fetch`: runs of a centre into the archive in `out`, and into its registry."""
-    from bench.archive import Centre, archive, fetch, register_all
-    from bench.record import MANIFEST, RunFolder
-
-    centre = Centre(url)
-    ledger = archive(out)
-    done = fetch(centre, ledger, runs, large=large, replace=replace, tell=_tell)
+    centre = archive.Centre(url)
+    ledger = archive.archive(out)
+    done = archive.fetch(centre, ledger, runs, large=large, replace=replace, tell=_tell)
     with open_in(out, where) as registry:
-        new = [RunFolder(folder) for folder in done.folders if (folder / MANIFEST).is_file()]
-        done.damaged += register_all(registry, new, ledger)
+        new = [record.RunFolder(folder) for folder in done.folders if (folder / record.MANIFEST).is_file()]
+        done.damaged += archive.register_all(registry, new, ledger)
     return RunsFetched(centre.url, out, done)
 
 
 def sync_restore(folders: Sequence[Path], url: str | None) -> RunsRestored:
     """`bench sync restore`: files of run folders that are at a centre only."""
-    from bench.archive import Centre, bring_back
-
     found = []
     for folder in folders:
         away = ElsewhereRecord.find(folder)
         if away is None:
             raise InputError("has all its files here: elsewhere.json is missing", folder)
-        found.append((folder, bring_back(Centre(url or away.centre), folder)))
+        found.append((folder, archive.bring_back(archive.Centre(url or away.centre), folder)))
     return RunsRestored(found)
 
 
 def sync_release(url: str, out: Path, older_days: float) -> RawReleased:
     """`bench sync release`: raw data of older runs stay at the centre only."""
-    from bench.archive import Centre, archive, release
-
-    centre = Centre(url)
-    return RawReleased(centre.url, release(centre, archive(_archive(out)), older_days))
+    centre = archive.Centre(url)
+    return RawReleased(centre.url, archive.release(centre, archive.archive(_archive(out)), older_days))
 
 
 def sync_scrub(url: str, *, repair: bool) -> CentreScrubbed:
     """`bench sync scrub`: every file of a centre hashed anew."""
-    from bench.archive import Centre, scrub
-
-    centre = Centre(url)
-    return CentreScrubbed(centre.url, scrub(centre, repair=repair))
+    centre = archive.Centre(url)
+    return CentreScrubbed(centre.url, archive.scrub(centre, repair=repair))
 
 
 def archive_of_centre(url: str) -> Path:
@@ -110,8 +96,6 @@ def archive_of_centre(url: str) -> Path:
 
 def run_of_centre(text: str) -> Path:
     """The folder of a run, given as CENTRE#ID, or as its id where the environment names the centre."""
-    from bench.archive import archive, located
-
     url, _, run = text.rpartition("#")
     url = url or os.environ.get(ENVIRONMENT, "")
     if not url or not is_run_id(run):
@@ -121,7 +105,7 @@ def run_of_centre(text: str) -> Path:
         )
     place = _kept(url)
     done = sync_fetch(url, [run], place).done
-    found = located(archive(place), run)
+    found = archive.located(archive.archive(place), run)
     if found is None:
         raise CentreError("; ".join(done.damaged) or f"{url}: {run} did not arrive")
     return found
@@ -129,10 +113,8 @@ def run_of_centre(text: str) -> Path:
 
 def _kept(url: str) -> Path:
     """Where the runs of a centre are kept on this computer."""
-    from bench.archive import named
-
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    place = caches / "gyro-thermal-bench" / hashlib.sha256(named(url).encode()).hexdigest()[:12]
+    place = caches / "gyro-thermal-bench" / hashlib.sha256(archive.named(url).encode()).hexdigest()[:12]
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:

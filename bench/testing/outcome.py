@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench import api, base, record
 from bench.base import BenchError
-
-if TYPE_CHECKING:
-    from bench.api import Run
-    from bench.record import RunFolder
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,14 +31,12 @@ class Outcome:
     """What happened, in order: `t_s`, `kind`, `text`."""
 
     @classmethod
-    def of(cls, run: RunFolder, error: BenchError | None) -> Outcome:
+    def of(cls, run: record.RunFolder, error: BenchError | None) -> Outcome:
         """From the run folder."""
-        from bench.base import InputError
-
         code, text = (0, "") if error is None else (error.exit_code, str(error))
         try:
             told = run.manifest()
-        except InputError as missing:
+        except base.InputError as missing:
             return cls(run.path, "refused", text or str(missing), code or missing.exit_code, {}, (), ())
         out = tuple(f"{one.why}: {one.samples} samples" for one in told.left_out)
         return cls(run.path, told.state, text or told.cause, code, told.losses, out, tuple(run.events()))
@@ -51,11 +46,9 @@ class Outcome:
         """Whether the profile was run to its end."""
         return self.state == "done"
 
-    def record(self, interval_s: float = 2.0) -> Run:
+    def record(self, interval_s: float = 2.0) -> api.Run:
         """The record as means over so many seconds: `fit`, `compare`, `diagnose`, `to_dataframe`."""
-        from bench.api import open as open_run
-
-        return open_run(self.folder, interval_s=interval_s)
+        return api.open(self.folder, interval_s=interval_s)
 
     def __repr__(self) -> str:
         lost = ", ".join(f"{name} {count}" for name, count in self.losses.items() if count)

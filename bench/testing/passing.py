@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
+from bench import acquisition
+
 if TYPE_CHECKING:
-    from bench.acquisition import Stage
     from bench.testing.stations import BenchStation
     from drivers.clock import SimClock
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 class Passing:
     """Equipment whose time passes when a test says so."""
 
-    def __init__(self, stage: Stage, clock: SimClock) -> None:
+    def __init__(self, stage: acquisition.Stage, clock: SimClock) -> None:
         self._stage, self._clock = stage, clock
 
     @property
@@ -31,15 +32,15 @@ class Passing:
     @contextmanager
     def running(self, speed: float = 100.0) -> Iterator[None]:
         """Let simulated time pass at `speed` times wall time, in a thread, for programs that wait by themselves."""
-        from bench.acquisition import keep_running
-
         over = threading.Event()
         start_s = self._clock.now()
 
         def advance(_: float, to_s: float) -> None:
             self._clock.sleep_until(start_s + to_s)
 
-        thread = threading.Thread(target=keep_running, args=(advance, speed, over.is_set), name="simulated time")
+        thread = threading.Thread(
+            target=acquisition.keep_running, args=(advance, speed, over.is_set), name="simulated time"
+        )
         thread.start()
         try:
             yield
@@ -49,14 +50,15 @@ class Passing:
 
 
 @contextmanager
-def staged(station: BenchStation, *, units: bool) -> Iterator[tuple[Stage, SimClock]]:
+def staged(station: BenchStation, *, units: bool) -> Iterator[tuple[acquisition.Stage, SimClock]]:
     """The equipment of a station with its own clock; without its units if nobody asks for them."""
-    from bench.acquisition import Occasion, open_stage
     from drivers.clock import SimClock
 
     with ExitStack() as stack:
         chosen = station.settings.units if units else ()
-        stage = stack.enter_context(open_stage(station.settings, chosen, Occasion(senders=station.senders)))
+        stage = stack.enter_context(
+            acquisition.open_stage(station.settings, chosen, acquisition.Occasion(senders=station.senders))
+        )
         clock = SimClock()
         clock.attach(stage.advance)
         yield stage, clock

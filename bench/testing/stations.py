@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition, commands
 from bench.base import Document, InputError, dump, nearest_or_all, parse_yaml, read_yaml
 from bench.testing.outcome import Outcome
 
 if TYPE_CHECKING:
-    from bench.acquisition import StationSettings
     from drivers.sim.sender import Frames
 
 UNIT, BUS = "UNIT-1", "can0"
@@ -45,7 +45,7 @@ class BenchStation:
     folder: Path
     """Its file and its runs are here."""
     file: Document
-    settings: StationSettings
+    settings: acquisition.StationSettings
     senders: Mapping[str, Frames] = field(default_factory=dict)
 
     @classmethod
@@ -54,8 +54,6 @@ class BenchStation:
 
         `frames` makes what the unit sends. InputError for options that are wrong.
         """
-        from bench.commands import load_station
-
         given = dict(options)
         frames, own = given.pop("frames", None), given.pop("station", None)
         if own is None:
@@ -66,7 +64,7 @@ class BenchStation:
             raise InputError(f"a station file says it all: leave out {', '.join(given)}", own)
         else:
             file = read_yaml(own)
-        settings = load_station(file)
+        settings = commands.load_station(file)
         return cls(folder, file, settings, {} if frames is None else {settings.units[0].serial: frames})
 
     def run(self, profile: str | Path | Mapping[str, Any] = PROFILE) -> Outcome:
@@ -74,11 +72,10 @@ class BenchStation:
 
         InputError where profile or station are wrong, before anything moves.
         """
-        from bench.acquisition import run_job
-        from bench.commands import Task, job_of
-
         own = parse_yaml(json.dumps(profile), "profile") if isinstance(profile, Mapping) else read_yaml(profile)
-        ended = run_job(job_of(own, self.file, Task((), {}, self.folder / "reports", senders=self.senders)))
+        ended = acquisition.run_job(
+            commands.job_of(own, self.file, commands.Task((), {}, self.folder / "reports", senders=self.senders))
+        )
         return Outcome.of(ended.run, ended.error)
 
 

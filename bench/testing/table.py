@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition
 from bench.testing.passing import Passing, staged
 from bench.testing.unit import opened
 
 if TYPE_CHECKING:
     import can
 
-    from bench.acquisition import Stage
     from bench.testing.stations import BenchStation
     from drivers.clock import SimClock
     from drivers.sim.cia402_table import SimulatedTable
@@ -22,7 +22,12 @@ class SimulatedRateTable(Passing):
     """A drive and its axis."""
 
     def __init__(
-        self, stage: Stage, clock: SimClock, table: SimulatedTable, where: tuple[dict[str, Any], int], stack: ExitStack
+        self,
+        stage: acquisition.Stage,
+        clock: SimClock,
+        table: SimulatedTable,
+        where: tuple[dict[str, Any], int],
+        stack: ExitStack,
     ) -> None:
         super().__init__(stage, clock)
         self.bus, self.node = where

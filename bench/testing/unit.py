@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition
 from bench.testing.chamber import SimulatedChamber
 from bench.testing.passing import staged
 
 if TYPE_CHECKING:
     import can
 
-    from bench.acquisition import Stage
     from bench.testing.stations import BenchStation
     from drivers.clock import SimClock
     from drivers.sim.slcan_adapter import SlcanAdapter
@@ -23,7 +23,12 @@ class SimulatedGyro(SimulatedChamber):
     """A gyro in its chamber; it sends while time passes."""
 
     def __init__(
-        self, stage: Stage, clock: SimClock, bus: dict[str, Any], stack: ExitStack, adapter: SlcanAdapter | None = None
+        self,
+        stage: acquisition.Stage,
+        clock: SimClock,
+        bus: dict[str, Any],
+        stack: ExitStack,
+        adapter: SlcanAdapter | None = None,
     ) -> None:
         super().__init__(stage, clock)
         self.bus = bus

@@ -145,7 +145,7 @@ def test_a_diagnosis_of_a_run_without_a_soak_says_what_to_record_and_shows_no_na
 
 @pytest.mark.slow
 def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tmp_path):
-    run = make_run(tmp_path / "r", **ramp_run(LEGS))
+    run = make_run(tmp_path / "r", **ramp_run(LEGS, loop_dph=0.0))
     static = make_run(tmp_path / "s", **ramp_run([("soak at 25", "soak", 25.0, 5400.0)], seed=2))
     told = json.loads(bench("diagnose", run, "--static", static, "--model", "polynomial", "--json").stdout)
     assert told["static"] == "s"

@@ -97,7 +97,7 @@ def places(tmp_path_factory):
     profile.write_text(PROFILE.replace("TO", "30"))
     rows = "\n".join(f"{t},{10 + t / 100},{20 + t / 50}" for t in range(400))
     table.write_text(f"time,rate,temperature\n{rows}\n")
-    run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(LEGS), unit="U-1", run="r1")
+    run = make_run(root / "reports" / "U-1" / "r1", **ramp_run(LEGS, loop_dph=0.0), unit="U-1", run="r1")
     (root / "out").mkdir()
     bench("report", run, "--model", "polynomial")
     bench("registry", "rebuild", "--out", root / "reports")

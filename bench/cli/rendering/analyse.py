@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench import analysis
 from bench.base import ends, finite, in_own, say, verdict_word
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
@@ -37,7 +38,6 @@ from bench.record import NotesRecord
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bench.analysis import Comparison, Diagnosis
 
 _MOST_CHANGES = 20
 
@@ -53,7 +53,7 @@ def ladder(models: Iterable[tuple[str, float, float]], floor_dph: float, interva
     return table(("model", ">in-sample", ">held-out", ">over floor", unit), [*rows, floor])
 
 
-def _compared(comparison: Comparison) -> Table:
+def _compared(comparison: analysis.Comparison) -> Table:
     models = ((score.model.name, score.rms_dph, score.held_out.rms_dph) for score in comparison.scores)
     return ladder(models, comparison.floor_dph, comparison.interval_s)
 
@@ -250,8 +250,6 @@ def _(result: NoiseFound) -> dict[str, Any]:
 
 @lines.register(Diagnosed)
 def _(result: Diagnosed) -> Iterator[str | Table]:
-    from bench.analysis import made_from
-
     diagnosis = result.diagnosis
     yield diagnosis.sentence
     yield ""
@@ -264,7 +262,9 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     yield from (shown.words for shown in (diagnosis.kernel, diagnosis.surface) if shown is not None)
     yield from _smallest(diagnosis)
     yield from (f"Not testable here: {', '.join(names)}: {why}" for why, names in _by_reason(diagnosis).items())
-    yield from (f"note: {note}" for note in (diagnosis.noise_finding, made_from(diagnosis), *diagnosis.notes) if note)
+    yield from (
+        f"note: {note}" for note in (diagnosis.noise_finding, analysis.made_from(diagnosis), *diagnosis.notes) if note
+    )
     if diagnosis.next_experiment:
         yield ""
         yield from _next(diagnosis)
@@ -297,14 +297,14 @@ def _(result: Decided) -> dict[str, Any]:
             "diagnosis": result.diagnosis.to_json()}  # fmt: skip
 
 
-def _next(diagnosis: Diagnosis) -> Iterator[str]:
+def _next(diagnosis: analysis.Diagnosis) -> Iterator[str]:
     if diagnosis.next_experiment:
         if diagnosis.next_experiment["decides"]:
             yield f"next: bench run {diagnosis.next_experiment['profile']}"
         yield str(diagnosis.next_experiment["why"])
 
 
-def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:
+def _where(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
     if diagnosis.where:
         yield "Where it fails"
         rows = []
@@ -315,9 +315,7 @@ def _where(diagnosis: Diagnosis) -> Iterator[str | Table]:
         yield ""
 
 
-def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
-    from bench.analysis import ranking_reason
-
+def _suspects(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
     if diagnosis.suspects:
         rows = []
         for suspect in diagnosis.suspects:
@@ -327,11 +325,11 @@ def _suspects(diagnosis: Diagnosis) -> Iterator[str | Table]:
             rows.append((f"{mark} {suspect.effect}", f"{suspect.evidence:.1f}", held_out, removes, alike))
         yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
         yield f"  evidence above {diagnosis.threshold:.1f} is significant; * belongs to the explanation"
-        yield from [f"  {reason}"] if (reason := ranking_reason(diagnosis)) else []
+        yield from [f"  {reason}"] if (reason := analysis.ranking_reason(diagnosis)) else []
         yield ""
 
 
-def _formulas(diagnosis: Diagnosis) -> Iterator[str | Table]:
+def _formulas(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
     if diagnosis.formulas:
         rows = [(f"  {f.formula}", f"{f.evidence:.1f}", number(f.held_out_rms_dph)) for f in diagnosis.formulas]
         yield table(("Formulas", ">evidence", ">held-out"), rows)
@@ -341,7 +339,7 @@ def _formulas(diagnosis: Diagnosis) -> Iterator[str | Table]:
         yield ""
 
 
-def _smallest(diagnosis: Diagnosis) -> Iterator[str]:
+def _smallest(diagnosis: analysis.Diagnosis) -> Iterator[str]:
     from bench.analysis import UNSEEN
 
     seen = [f"{item.effect} {item.rms_dph:.3f}" for item in diagnosis.smallest_detectable if item.seen]
@@ -352,7 +350,7 @@ def _smallest(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"{', '.join(blind)}: {UNSEEN}"
 
 
-def _by_reason(diagnosis: Diagnosis) -> dict[str, list[str]]:
+def _by_reason(diagnosis: analysis.Diagnosis) -> dict[str, list[str]]:
     """Effects that the runs cannot show, by reason; with the name of the run only if there are several."""
     reasons: dict[str, list[str]] = {}
     runs = diagnosis.runs

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from bench import analysis, deliver
 from bench.base import in_own, say, verdict_word
 from bench.cli.rendering.printing import content, lines, number, table, unit_text
 from bench.commands import (
@@ -31,8 +32,6 @@ _NEXT = {
 
 @lines.register(Exported)
 def _(result: Exported) -> Iterator[str | Table]:
-    from bench.deliver import best_form
-
     delivered, package = result.delivered, result.delivered.package
     image = package.image
     yield f"{delivered.source.fit.model.name}, unit {package.unit}: worst errors against double precision"
@@ -42,7 +41,7 @@ def _(result: Exported) -> Iterator[str | Table]:
     ]
     yield table(("form", ">whole box", ">near rest", ">in motion", ">words", "[deg/h]"), rows)
     yield ""
-    why = " (least error)" if best_form(package.worst).form == image.form else ""
+    why = " (least error)" if deliver.best_form(package.worst).form == image.form else ""
     yield (
         f"form {image.form}{why}, {4 * len(package.words)} bytes, serial {image.serial}, calibration {image.label}, "
         f"CRC 0x{package.words[-1]:08X}"
@@ -167,10 +166,8 @@ def _(result: Verified) -> Iterator[str | Table]:
         yield f"bench: {result.error}"
         return
     verification = result.verification
-    from bench.analysis import State
-
     change = verification.change
-    before, after = change.before or State(None, None), change.after
+    before, after = change.before or analysis.State(None, None), change.after
     interval_s = next(one.interval_s for one in (after.rest, after.turning) if one)
     gain = f", {change.words}" if change.words else ""
     ratio = f"the output of the unit is {verification.over_floor:.2f} times its noise floor"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition
 from bench.base import clock, in_own, say
 from bench.cli.rendering.printing import content, lines, table
 from bench.commands import REACHED, Aborted, Asked, LiveRuns, Queue, Recovered
@@ -102,8 +103,6 @@ def _(result: Recovered) -> dict[str, Any]:
 
 def live_run(run: Mapping[str, Any]) -> Iterator[str]:
     """The state of a live run."""
-    from bench.acquisition import ANSWER_S
-
     yield f"{run['run']}  {run['state']}"
     if "error" in run:
         yield f"  {run['error']}"
@@ -123,7 +122,7 @@ def live_run(run: Mapping[str, Any]) -> Iterator[str]:
             yield say("live.bus", bus=bus["bus"], state=bus["state"], frames=bus["frames"], **late)
         yield from (_fits(serial, fit) for serial, fit in run.get("fits", {}).items())
         yield from (say("live.hold", cause=in_own(cause)) for cause in run["holding"])
-    if run.get("age_s", 0.0) > ANSWER_S:
+    if run.get("age_s", 0.0) > acquisition.ANSWER_S:
         yield say("live.stuck", age=f"{run['age_s']:.0f}")
 
 

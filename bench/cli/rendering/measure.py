@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition
 from bench.base import in_own
 from bench.cli.rendering.printing import content, lines, table
 from bench.commands import Checked, ContractTried, Copied, Examined, NoticesTried, Proposed, StationServed
@@ -22,12 +23,10 @@ _TRIED = {"ok": "ok", "failed": "!!", "not applicable": "--"}
 
 @lines.register(Checked)
 def _(result: Checked) -> Iterator[str | Table]:
-    from bench.acquisition import profile_picture
-
     profile, station, segments = result.profile, result.station, result.segments
     yield f"{profile.name} on station {station.name}: {len(segments)} segments, {result.duration_s / 3600:.2f} h"
     yield ""
-    yield profile_picture(profile)
+    yield acquisition.profile_picture(profile)
     yield ""
     took = [(f"{s.from_s / 60:.1f} min", s.name, f"{(s.to_s - s.from_s) / 60:.1f} min") for s in segments]
     yield table((">begins", "segment", ">takes"), took)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench import archive, record
 from bench.base import in_print, number
 from bench.cli.options import Registered
 from bench.cli.rendering.printing import content, lines, table
@@ -35,7 +36,6 @@ from bench.commands import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from bench.record import LotRecord
 
 _RUN = {"unit": "unit", "created": "created", "profile": "profile", "state": "state", "verdict": "verdict",
         "judged": "limits", "path": "run"}  # fmt: skip
@@ -69,13 +69,11 @@ def _(result: RegisteredRuns) -> dict[str, Any]:
 
 @lines.register(RegistryEntry)
 def _(result: RegistryEntry) -> Iterator[str]:
-    from bench.archive import plain
-
     for i, (title, found) in enumerate(result.tables.items()):
         yield from [""] if i else []
         yield f"{title}:"
         for row in found if isinstance(found, list) else [found]:
-            yield from (f"  {line}" for line in _described(plain(row)))
+            yield from (f"  {line}" for line in _described(archive.plain(row)))
 
 
 def _described(row: Mapping[str, Any]) -> Iterator[str]:
@@ -215,10 +213,8 @@ _WORDS = {"adequate": "nothing missing", "undecided": "undecided", "unknown_effe
 
 @lines.register(FleetDiagnosed)
 def _(result: FleetDiagnosed) -> Iterator[str | Table]:
-    from bench.archive import by_lot, in_common
-
     found = result.diagnosis
-    lots, total = by_lot(found.told), len(found.told)
+    lots, total = archive.by_lot(found.told), len(found.told)
     made = f", {found.made} of them now in {result.seconds:.1f} s ({result.engine})" if found.made else ""
     yield f"{total} units of {len(lots)} lots diagnosed with {result.model}{made}"
     yield from _left_out(found.left_out)
@@ -236,7 +232,7 @@ def _(result: FleetDiagnosed) -> Iterator[str | Table]:
         ("units", ">all", *(f">{name}" for name in shown)), [*rows, ("all", total, *(lots[n].units for n in shown))]
     )
     yield from [f"and {len(lots) - len(shown)} further lots, with --json"] if len(lots) > len(shown) else []
-    for one in in_common(found.told):
+    for one in archive.in_common(found.told):
         yield (
             f"lot {one.lot} has {one.effect} in common: {one.lacking} of {one.units} units, "
             f"elsewhere {one.elsewhere} of {one.of_elsewhere} (p {number(one.p, 2)})"
@@ -247,17 +243,15 @@ def _(result: FleetDiagnosed) -> Iterator[str | Table]:
 
 @content.register(FleetDiagnosed)
 def _(result: FleetDiagnosed) -> dict[str, Any]:
-    from bench.archive import by_lot, in_common
-
     found = result.diagnosis
     return {
         "model": result.model, "units": len(found.told), "made": found.made, "failed": found.failed,
         "left_out": list(found.left_out), "engine": result.engine, "seconds": result.seconds,
         "lots": {
             name: {"units": lot.units, "verdicts": dict(lot.verdicts), "lacks": dict(lot.lacks)}
-            for name, lot in by_lot(found.told).items()
+            for name, lot in archive.by_lot(found.told).items()
         },
-        "in_common": [asdict(one) for one in in_common(found.told)],
+        "in_common": [asdict(one) for one in archive.in_common(found.told)],
     }  # fmt: skip
 
 
@@ -319,7 +313,7 @@ _LOSSES = {
 }
 
 
-def _loss(record: LotRecord) -> dict[str, dict[str, float]]:
+def _loss(record: record.LotRecord) -> dict[str, dict[str, float]]:
     values = {name: [getattr(unit, name) for unit in record.units] for name in _LOSSES}
     return {
         name: dict(zip(("median", "p95"), np.quantile(own, (0.5, 0.95)), strict=True)) for name, own in values.items()

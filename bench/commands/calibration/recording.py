@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from bench import acquisition
 from bench.base import BenchError, InputError, dump
 from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
@@ -14,14 +14,11 @@ from bench.commands.calibration.order import Order
 from bench.commands.resuming import continued
 from bench.record import MANIFEST, RunFolder, slug
 
-if TYPE_CHECKING:
-    from bench.acquisition import Compensated, RunResult
-
 _NOTHING_LEFT = "nothing to resume"
 
 
 def recorded(
-    order: Order, job: JobFile, step: str, profile: str, compensation: Compensated, texts: Mapping[str, str]
+    order: Order, job: JobFile, step: str, profile: str, compensation: acquisition.Compensated, texts: Mapping[str, str]
 ) -> tuple[RunFolder, bool]:
     """The whole run of a step, and whether it has several parts.
 
@@ -78,7 +75,7 @@ def _taken_up(order: Order, folder: Path) -> RunFolder | None:
         raise
 
 
-def _whole(result: RunResult) -> RunFolder:
+def _whole(result: acquisition.RunResult) -> RunFolder:
     if result.error is not None:
         raise result.error
     return result.run

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bench import analysis
 from bench.analysis import (
     BASELINES,
     BEFORE,
@@ -96,8 +97,6 @@ def _rediagnosed(
     run: RunFolder, made: RunFolder, known: DiagnosisRecord, how: Circumstances, others: Sequence[Path]
 ) -> DiagnosisRecord:
     """A diagnosis of `bench diagnose` made again."""
-    from bench.analysis import noise_floor
-
     paths = [made.path if name == made.path.name else _found(run, name, others) for name in known.runs]
     fine = [load(path, 1.0) for path in paths]
     model = next((m for m in how.models if m.name == known.model), None) or load_model(known.model)
@@ -108,7 +107,7 @@ def _rediagnosed(
         model,
         check=[load(_found(run, name, others), how.interval_s) for name in known.check],
         static=None if static is None else load(static, how.interval_s),
-        floor_dph=noise_floor(fine, how.interval_s, still).floor_dph,
+        floor_dph=analysis.noise_floor(fine, how.interval_s, still).floor_dph,
     )
     return DiagnosisRecord.model_validate({**found.to_json(), "next_experiment": known.next_experiment})
 

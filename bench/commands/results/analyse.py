@@ -5,28 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench import acquisition, analysis, base, mystery, record
+from bench.commands.replay.replaying import Replay
 from bench.commands.results.result import Result
-
-if TYPE_CHECKING:
-    from bench.acquisition import ImportPlan
-    from bench.analysis import (
-        Analysis,
-        CatalogueEntry,
-        Comparison,
-        Diagnosis,
-        Estimate,
-        Finding,
-        Floor,
-        Improvement,
-        Signature,
-    )
-    from bench.base import BenchError
-    from bench.commands.replay.replaying import Replay
-    from bench.mystery import Score
-    from bench.record import ImuVerificationRecord
-
 
 WORST_FIRST = (
     "no_data",
@@ -45,8 +28,8 @@ WORST_FIRST = (
 class Reported(Result):
     """An analysed run; `error` ended it before its time."""
 
-    analysis: Analysis
-    error: BenchError | None = None
+    analysis: analysis.Analysis
+    error: base.BenchError | None = None
 
     @property
     def verdict(self) -> str:
@@ -99,7 +82,7 @@ class UnitReport:
 
     serial: str
     result: Reported | NotAnalysed
-    error: BenchError | None = None
+    error: base.BenchError | None = None
     output: str = "rate"
     """Which of the unit's rates it is of."""
 
@@ -135,7 +118,7 @@ class UnitsReported(Result):
 class Imported(Result):
     """A table of somebody else as it was understood; `run` is None for a preview."""
 
-    plan: ImportPlan
+    plan: acquisition.ImportPlan
     run: Path | None
 
     @property
@@ -148,7 +131,7 @@ class Imported(Result):
 class Compared(Result):
     """Models beside the noise floor."""
 
-    comparison: Comparison
+    comparison: analysis.Comparison
 
 
 @dataclass(frozen=True)
@@ -177,7 +160,7 @@ class NoiseFound(Result):
     """Noise of isothermal stretches: the floor with its Allan curves, and the coefficients by name."""
 
     names: tuple[str, ...]
-    floor: Floor
+    floor: analysis.Floor
     coefficients: Mapping[str, NoiseCoefficient]
 
 
@@ -185,7 +168,7 @@ class NoiseFound(Result):
 class Diagnosed(Result):
     """Where a model fails and what is missing."""
 
-    diagnosis: Diagnosis
+    diagnosis: analysis.Diagnosis
     run: Path | None = None
     """Folder that keeps the diagnosis."""
 
@@ -209,7 +192,7 @@ class Round:
 class Decided(Result):
     """A diagnosis repeated with the runs that it proposed; `reason` says why it ended."""
 
-    diagnosis: Diagnosis
+    diagnosis: analysis.Diagnosis
     decided: bool
     reason: str
     rounds: tuple[Round, ...]
@@ -229,7 +212,7 @@ class Decided(Result):
 class Improved(Result):
     """A model improved step by step; `out` is the file that it was written to."""
 
-    improvement: Improvement
+    improvement: analysis.Improvement
     out: Path | None
 
 
@@ -245,16 +228,16 @@ class EffectAdded(Result):
 class Effects(Result):
     """The catalogue of effects."""
 
-    effects: Sequence[CatalogueEntry]
+    effects: Sequence[analysis.CatalogueEntry]
 
 
 @dataclass(frozen=True)
 class EffectShown(Result):
     """One effect, its documentation, and what it does to an example run."""
 
-    entry: CatalogueEntry
+    entry: analysis.CatalogueEntry
     doc: str
-    signature: Signature
+    signature: analysis.Signature
 
 
 @dataclass(frozen=True)
@@ -296,7 +279,7 @@ class MysteryMade(Result):
 class Revealed(Result):
     """A model scored against the truth."""
 
-    score: Score
+    score: mystery.Score
 
 
 @dataclass(frozen=True)
@@ -308,9 +291,9 @@ class ImuCalibrated(Result):
     rows: int
     left_out: int
     range_degc: tuple[float, float]
-    parameters: tuple[Estimate, ...]
+    parameters: tuple[analysis.Estimate, ...]
     undetermined: tuple[str, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[analysis.Finding, ...]
     files: tuple[Path, ...] = ()
 
     @property
@@ -325,7 +308,7 @@ class ImuVerified(Result):
 
     table: Path
     calibration: Path
-    verification: ImuVerificationRecord
+    verification: record.ImuVerificationRecord
     files: tuple[Path, ...] = ()
 
     @property

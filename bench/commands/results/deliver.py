@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench import analysis, base, deliver, record
+from bench.commands.calibration.job import JobFile
 from bench.commands.results.result import Result
-
-if TYPE_CHECKING:
-    from bench.analysis import Verification
-    from bench.base import BenchError
-    from bench.commands.calibration.job import JobFile
-    from bench.deliver import CheckedCertificate, Delivered, DeliveredImu
 
 
 @dataclass(frozen=True)
@@ -23,7 +19,7 @@ class Exported(Result):
     run: Path
     format: str
     files: tuple[Path, ...]
-    delivered: Delivered
+    delivered: deliver.Delivered
 
 
 @dataclass(frozen=True)
@@ -33,7 +29,7 @@ class ImuExported(Result):
     run: Path
     format: str
     files: tuple[Path, ...]
-    delivered: DeliveredImu
+    delivered: deliver.DeliveredImu
 
 
 @dataclass(frozen=True)
@@ -58,10 +54,8 @@ class Certified(Result):
     @property
     def exit_code(self) -> int:
         """1 where what it certifies is outside limits."""
-        from bench.record import Verdict
-
         verdict = self.facts["verdict"]
-        return int(verdict is not None and not Verdict(verdict).within)
+        return int(verdict is not None and not record.Verdict(verdict).within)
 
     @property
     def runs(self) -> tuple[Path, ...]:
@@ -82,7 +76,7 @@ class ImuCertified(Certified):
 class CertificateChecked(Result):
     """Whether a certificate is as it was signed."""
 
-    checked: CheckedCertificate
+    checked: deliver.CheckedCertificate
     state: str | None = None
     """Whether it is in force, as far as the archive knows it."""
 
@@ -113,8 +107,8 @@ class Flashed(Result):
 class Verified(Result):
     """A run with the unit's own correction on, judged; `error` ended it before its time."""
 
-    verification: Verification
-    error: BenchError | None = None
+    verification: analysis.Verification
+    error: base.BenchError | None = None
 
     @property
     def exit_code(self) -> int:

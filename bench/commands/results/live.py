@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench import record
 from bench.commands.results.result import Result
-
-if TYPE_CHECKING:
-    from bench.record import Manifest
-
 
 REACHED: Mapping[str, tuple[frozenset[str], str]] = {
     "hold": (frozenset({"holding"}), "holding"),
@@ -83,7 +80,7 @@ class Recovered(Result):
     """A run folder made of what a killed run left."""
 
     run: Path
-    manifest: Manifest
+    manifest: record.Manifest
 
     @property
     def exit_code(self) -> int:

@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench import acquisition
 from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
-    from bench.acquisition import Examination, Finding, Profile, Proposal, SegmentResult, StationSettings
     from drivers.contract import Outcome
 
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 class Checked(Result):
     """A profile rehearsed on a station."""
 
-    profile: Profile
-    station: StationSettings
-    segments: Sequence[SegmentResult]
-    findings: tuple[Finding, ...]
+    profile: acquisition.Profile
+    station: acquisition.StationSettings
+    segments: Sequence[acquisition.SegmentResult]
+    findings: tuple[acquisition.Finding, ...]
     disk_bytes: int
 
     @property
@@ -30,7 +30,7 @@ class Checked(Result):
         return self.segments[-1].to_s
 
     @property
-    def late(self) -> tuple[SegmentResult, ...]:
+    def late(self) -> tuple[acquisition.SegmentResult, ...]:
         """Segments that would fail."""
         return tuple(segment for segment in self.segments if segment.outcome != "done")
 
@@ -55,7 +55,7 @@ class Checked(Result):
 class Examined(Result):
     """What the equipment of a station said."""
 
-    examination: Examination
+    examination: acquisition.Examination
 
     @property
     def exit_code(self) -> int:
@@ -67,7 +67,7 @@ class Examined(Result):
 class Proposed(Result):
     """A mapping that was proposed, and its file."""
 
-    proposal: Proposal
+    proposal: acquisition.Proposal
     file: Path
 
 

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench import analysis, archive, record
 from bench.commands.results.result import Result
 
 if TYPE_CHECKING:
     from datetime import date
-
-    from bench.analysis import Likeness
-    from bench.archive import Entry, FleetDiagnosis, Gauge, Rebuilt, Statistics
-    from bench.record import LotRecord
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class RegistryRebuilt(Result):
     """A registry made from the run folders, or only compared with them."""
 
     registry: str
-    rebuilt: Rebuilt
+    rebuilt: archive.Rebuilt
     only_compared: bool
 
     @property
@@ -66,7 +63,7 @@ class Noted(Result):
     """What a person said, as it stands in the ledger now."""
 
     ledger: Path
-    entry: Entry
+    entry: archive.Entry
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class EquipmentListed(Result):
 class FleetJudged(Result):
     """Statistics of all units, and the files that they were written to."""
 
-    statistics: Statistics
+    statistics: archive.Statistics
     html: Path | None
     csv: Path | None
 
@@ -122,7 +119,7 @@ class FleetDiagnosed(Result):
     """What the model of each unit lacks; `seconds` for those that were diagnosed now."""
 
     model: str
-    diagnosis: FleetDiagnosis
+    diagnosis: archive.FleetDiagnosis
     engine: str
     seconds: float
 
@@ -138,7 +135,7 @@ class GaugeJudged(Result):
 
     quantity: str
     unit: str
-    gauge: Gauge
+    gauge: archive.Gauge
     left_out: Sequence[str]
 
     @property
@@ -176,7 +173,7 @@ class LotCalibrated(Result):
     """A run folder with the calibration of a lot, and its record."""
 
     run: Path
-    record: LotRecord
+    record: record.LotRecord
 
     @property
     def runs(self) -> tuple[Path, ...]:
@@ -240,7 +237,7 @@ class LotChecked(Result):
 
     run: Path
     lot: str
-    units: Mapping[str, Likeness]
+    units: Mapping[str, analysis.Likeness]
 
     @property
     def exit_code(self) -> int:

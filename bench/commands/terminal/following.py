@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench import acquisition
 from bench.analysis import SoFar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from bench.acquisition import Desk, Profile, Station, Status
 
 
 class Following:
@@ -22,9 +21,9 @@ class Following:
 
     def __init__(
         self,
-        profile: Profile,
-        desk: Desk,
-        onlooker: Callable[[Station, Status], None],
+        profile: acquisition.Profile,
+        desk: acquisition.Desk,
+        onlooker: Callable[[acquisition.Station, acquisition.Status], None],
         heard: Callable[[str, float, float, float], None] = lambda *_: None,
     ) -> None:
         """`heard` is told serial number, time, temperature and rate of every unit at every tick."""
@@ -34,7 +33,7 @@ class Following:
         self._units: dict[str, SoFar] = {}
         desk.notes = self.notes
 
-    def __call__(self, station: Station, status: Status) -> None:
+    def __call__(self, station: acquisition.Station, status: acquisition.Status) -> None:
         """Take in a tick; the onlooker behind sees it too."""
         if station.turntable is None:
             for unit in station.units:

@@ -6,18 +6,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
+from bench import acquisition
 from bench.acquisition import time_left
 from bench.base import clock, in_own, say
-
-if TYPE_CHECKING:
-    from bench.acquisition import Profile, Station, Status
 
 REFRESH_WALL_S = 0.25
 PLAIN_LINE_WALL_S = 15.0
@@ -26,7 +23,7 @@ PLAIN_LINE_WALL_S = 15.0
 class Progress:
     """Context manager; call it with (station, status) at every tick."""
 
-    def __init__(self, profile: Profile, quiet: bool = False, notice: Callable[[], str] = str) -> None:
+    def __init__(self, profile: acquisition.Profile, quiet: bool = False, notice: Callable[[], str] = str) -> None:
         self._notice = notice
         self._nominal_s = profile.duration_s
         self._console = Console(stderr=True)
@@ -48,7 +45,7 @@ class Progress:
         if self._live is not None:
             self._live.stop()
 
-    def __call__(self, station: Station, status: Status) -> None:
+    def __call__(self, station: acquisition.Station, status: acquisition.Status) -> None:
         """Show one tick; cheap when it is not yet time to draw."""
         now_s = time.monotonic()
         if self._quiet:
@@ -61,18 +58,18 @@ class Progress:
             self._shown_wall_s = now_s
             print(self._line(station, status), file=sys.stderr, flush=True)
 
-    def _news(self, status: Status) -> bool:
+    def _news(self, status: acquisition.Status) -> bool:
         """Whether another segment has begun, or something else holds the run than before."""
         # Behind the colon a guard has its value, which changes.
         now = status.leg.index, tuple(text.partition(":")[0] for text in status.holding)
         new, self._seen = now != self._seen, now
         return new
 
-    def left_s(self, status: Status) -> float:
+    def left_s(self, status: acquisition.Status) -> float:
         """Bench time left [s]: the nominal rest of the profile, late by as much as this leg already is."""
         return time_left(status, self._nominal_s)[1]
 
-    def _line(self, station: Station, status: Status) -> str:
+    def _line(self, station: acquisition.Station, status: acquisition.Status) -> str:
         losses = station.losses()
         line = say(
             "progress.line", time=clock(status.t_s), n=status.leg.index + 1, of=status.legs, segment=status.leg.name,
@@ -81,7 +78,7 @@ class Progress:
         )  # fmt: skip
         return line + (say("progress.held", who=", ".join(map(in_own, status.holding))) if status.holding else "")
 
-    def _table(self, station: Station, status: Status) -> Table:
+    def _table(self, station: acquisition.Station, status: acquisition.Status) -> Table:
         losses = station.losses()
         wall_s = max(time.monotonic() - self._started_wall_s, 1e-3)
         grid = Table.grid(padding=(0, 2))
@@ -105,7 +102,7 @@ class Progress:
         return grid
 
 
-def _units_text(station: Station, status: Status) -> str:
+def _units_text(station: acquisition.Station, status: acquisition.Status) -> str:
     """Temperature of the unit, or the span of several, and how many have left."""
     if len(station.everyone) == 1:
         return say("progress.unit_at", degc=f"{status.unit_degc:.2f}")
@@ -118,7 +115,7 @@ def _units_text(station: Station, status: Status) -> str:
     return say("progress.units_at", n=len(station.units), span=span, gone=gone)
 
 
-def _unit_rows(station: Station, status: Status) -> Iterator[tuple[str, str]]:
+def _unit_rows(station: acquisition.Station, status: acquisition.Status) -> Iterator[tuple[str, str]]:
     """A row for each unit: its temperature and losses, or why it has left."""
     if len(station.everyone) == 1:
         yield say("progress.unit"), say("progress.degc", degc=f"{status.unit_degc:7.2f}")
