@@ -62,20 +62,20 @@ Row = tuple[str, str]
 def child(*command: str) -> Iterator[tuple[Any, str]]:
     """Process and address of a server; ended with the block."""
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [sys.executable, *command],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment,
-    )  # fmt: skip
-    assert process.stdout
-    try:
-        for line in process.stdout:
-            if found := re.search(r"http://127[^\s\"/]+", line):
-                break
-        threading.Thread(target=process.stdout.read, daemon=True).start()
-        yield process, found.group(0) if found else ""
-    finally:
-        process.terminate()
-        process.wait(60)
+    ) as process:  # fmt: skip
+        assert process.stdout
+        said = iter(process.stdout)
+        found = next((found for line in said if (found := re.search(r"http://127[^\s\"/]+", line))), None)
+        rest = threading.Thread(target=process.stdout.read, daemon=True)
+        rest.start()
+        try:
+            yield process, found.group(0) if found else ""
+        finally:
+            process.terminate()
+            rest.join()
 
 
 def ui(out: Path) -> Any:
@@ -131,30 +131,39 @@ def renderer(browser: Browser) -> int:
     return max((int(one["id"]) for one in found if one["type"] == "renderer"), key=resident_mib)
 
 
-def a_day(browser: Browser, out: Path, updates: int) -> list[Row]:
+def a_day(browser: Browser, out: Path, updates: int, rest_s: float = 2.0) -> list[dict[str, float]]:
     """The live page through as many updates as a day has at 5 Hz, as fast as possible; memory is measured at rest."""
-    rows = []
+    measured = []
     with child("-m", "benchmarks.web_source", str(out), "0") as (process, address):
         page = browser.new_context(base_url=address, viewport={"width": 1440, "height": 900}).new_page()
         page.goto("/live/SIM-0001/day")
         page.get_by_role("progressbar").wait_for()
         page.evaluate(COUNT)
-        begin, ticks = perf_counter(), 1
+        ticks = 1
         # The trace is full for the first time after 4096 ticks: what counts is what happens then.
         for mark in (updates // 64, *(eighth * updates // 8 for eighth in range(1, 9))):
             while ticks < mark:
                 ticks = min(ticks + BURST, mark)
                 go_on(process, ticks)
                 page.evaluate(DRAWN, ticks)
-            sleep(2)
+            sleep(rest_s)
             before, seen = resident_mib(renderer(browser)), weighed(page)
-            measured = f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners"
-            measured += f"; its process {before:.0f}, then {resident_mib(renderer(browser)):.0f} MiB"
-            measured += f", server {resident_mib(process.pid):.0f} MiB"
-            rows.append((f"live page after {page.evaluate('globalThis.updates'):,} updates", measured))
-            print(*rows[-1], f"{perf_counter() - begin:.0f} s", flush=True)
+            after, server = resident_mib(renderer(browser)), resident_mib(process.pid)
+            shown = page.evaluate("globalThis.updates")
+            measured.append({**seen, "updates": shown, "before": before, "after": after, "server": server})
+            print(*day_row(measured[-1]), flush=True)
         page.context.close()
-    return rows
+    return measured
+
+
+def day_row(seen: dict[str, float]) -> Row:
+    """One measurement of `a_day` as a row of the table."""
+    return (
+        f"live page after {seen['updates']:,.0f} updates",
+        f"heap {seen['heap']:.1f} MiB, {seen['nodes']:.0f} nodes, {seen['listeners']:.0f} listeners; "
+        f"its process at the end of the burst {seen['before']:.0f}, then {seen['after']:.0f} MiB, "
+        f"server {seen['server']:.0f} MiB",
+    )
 
 
 def per_browser(out: Path) -> Row:
@@ -281,7 +290,7 @@ def main() -> None:
         if "cpu" in parts:
             rows.append(per_browser(root / "cpu"))
         if "day" in parts:
-            rows += a_day(browser, root / "day", wanted.updates)
+            rows += map(day_row, a_day(browser, root / "day", wanted.updates))
         browser.close()
     shutil.rmtree(root, ignore_errors=True)
     print(table(rows))

@@ -51,8 +51,8 @@ class Source:
         if not self.rests:
             self.ticks += 1
             wave = math.sin(self.ticks / 900)
-            span = (4.0 + wave - 0.3, 4.0 + wave + 0.3)
-            self.trace.add(float(self.ticks), (30 + 3 * wave, 30 + 2.9 * wave), [(UNITS[0], 29 + 2 * wave, span)])
+            samples = (4.0 + wave - 0.3, 4.0 + wave + 0.3, 100 * (4.0 + wave), 100)  # lowest, highest, sum, number
+            self.trace.add(float(self.ticks), (30 + 3 * wave, 30 + 2.9 * wave), [(UNITS[0], 29 + 2 * wave, samples)])
         return {**self._picture(), "trace": self.trace.since(since, generation)}
 
     def _picture(self) -> dict[str, Any]:
@@ -74,7 +74,10 @@ class Source:
 
 
 def unhindered(app: Any, watcher: Any, source: Source) -> None:
-    """Continue when every browser has received the last state, so that states are never dropped."""
+    """Continue when every browser has received the last state, so that states are never dropped.
+
+    The listener hands a state to the server's loop: only after that a browser has it to receive.
+    """
 
     def run() -> None:
         looked_s = 0.0
@@ -84,6 +87,7 @@ def unhindered(app: Any, watcher: Any, source: Source) -> None:
                 for watched in watcher.runs:
                     watched.next_s = 0.0
                 watcher.turn(time.monotonic())
+                asyncio.run_coroutine_threadsafe(asyncio.sleep(0), watcher._listener._loop).result()
             elif time.monotonic() - looked_s > 1.0:
                 looked_s = time.monotonic()
                 watcher._look()
@@ -98,7 +102,7 @@ def main(out: Path, hz: float) -> None:
     (folder / "profile.yaml").write_text(PROFILE)
     remote.LiveFile(os.getpid(), 9, "2026-01-01T00:00:00+00:00", [], "benchmark").write(folder)
     source = Source()
-    setattr(remote, "ask_run", source.ask)  # noqa: B010 - the seam
+    setattr(watching, "ask_run", source.ask)  # noqa: B010 - the seam
     app = create_app(Settings(out=out))
     if not hz:
         start = watching.Watcher.start
