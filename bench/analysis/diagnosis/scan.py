@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from bench.base import FloatArray, IntArray
 DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
+_SINGLE: np.dtype[Any] = np.dtype(np.float32)
 _AT_ONCE = 128  # columns: what is made of more does not fit the cache
 
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
@@ -202,7 +204,7 @@ def _beside(base: FloatArray, columns: Sequence[FloatArray]) -> tuple[FloatArray
     single precision, which halves the work, leaves the evidence of a grid point known to about 0.01.
     """
     basis = orthonormal(base)
-    share, left = np.empty(len(columns)), np.empty((len(base), len(columns)), dtype=np.float32)
+    share, left = np.empty(len(columns)), np.empty((len(base), len(columns)), dtype=_SINGLE)
     for first in range(0, len(columns), _AT_ONCE):
         part = slice(first, first + _AT_ONCE)
         own = np.hstack(columns[part])
