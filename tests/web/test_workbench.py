@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -80,6 +82,9 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     assert suspect["effect"] in {"hysteresis", "creep"}
     assert suspect["partial"]["figure"]["data"]
     assert suspect["why"].startswith("Evidence")
+    brief = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE, "brief": True})
+    undrawn = [{**one, "partial": None} for one in found["suspects"]]
+    assert brief == {**found, "suspects": undrawn, "figures": {}, "next_experiment": None}
     longer = {"name": "better", "effects": [*SPLINE["effects"], *suspect["add"]]}
     after = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, longer]})
     for error in ("rms_dph", "held_out_rms_dph"):
@@ -90,6 +95,39 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     assert sorted(path.name for path in (store / RUN).iterdir()) == [
         "chain.seal", "data.parquet", "events.jsonl", "manifest.json", "means.parquet",
     ]  # fmt: skip
+
+
+FIRST_REQUESTS = """
+import json, sys
+from importlib import import_module
+from bench.web.jobs.work import FIRST_MODULES
+
+for name in FIRST_MODULES:
+    import_module(name)
+before = set(sys.modules)
+for target, inputs in json.load(sys.stdin):
+    module, _, name = target.rpartition(".")
+    getattr(import_module(f"bench.web.workbench.{module}"), name)(inputs)
+large = ("bench", "cryptography", "pandas", "pyarrow", "scipy")
+later = [name for name in set(sys.modules) - before if name.startswith(large)]
+print(json.dumps(sorted({".".join(name.split(".")[:2]) for name in later})))
+"""
+
+
+@pytest.mark.slow
+def test_nothing_large_is_loaded_while_somebody_waits_for_the_first_answers(store: Path) -> None:
+    run = {"run": RUN, "path": str(store / RUN), "content": "1"}
+    content = {"name": "spline", "effects": [{"spline": {"intervals": 12}}], "rows": "all"}
+    inputs = {"runs": [run], "check": [], "static": None, "sisters": [], "model": content, "models": [content]}
+    requests = [
+        ("computing.analysis", inputs),
+        ("drawing.draw", {**inputs, "kind": "time", "over": "temperature", "every": False}),
+        ("diagnosing.diagnosis", {**inputs, "brief": True, "plans": ""}),
+    ]
+    answer = subprocess.run(
+        [sys.executable, "-c", FIRST_REQUESTS], input=json.dumps(requests), capture_output=True, text=True, check=True
+    )
+    assert json.loads(answer.stdout) == []
 
 
 def test_runs_of_sister_units_go_to_the_diagnosis(client: httpx.Client) -> None:
@@ -250,6 +288,10 @@ def test_a_formula_is_checked_as_it_is_typed_and_fitted_like_any_effect(client: 
     assert not lacking["ok"]
     assert f"{RUN} has no channel 'supply': choose one of temperature, " in lacking["detail"]
     assert asked("k * dT_dt * temperature", runs=[RUN])["ok"]
+    assert asked("a * slew(temperature, v) + b * exp(lag(dT_dt, tau_s) / c) + k * time ** p")["bounds"] == {
+        "v": [0.1, 10.0], "tau_s": [10.0, 3600.0], "c": [0.1, 10.0], "p": [0.1, 10.0],
+    }  # fmt: skip
+    assert asked("k * dT_dt / pi")["bounds"] == asked("k * lag(")["bounds"] == {}
     term = asked("a * play(temperature, w)", bounds={"w": [1, 20]})
     model = {"name": "own", "effects": [*SPLINE["effects"], term["effect"]]}
     rungs = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE, model]})["rungs"]
@@ -404,7 +446,7 @@ def in_chinese(answers: list[dict[str, Any]]) -> list[list[Any]]:
     """Caption and labels of each answer as the page shows them in Chinese."""
     script = """
     globalThis.document = { documentElement: {} };
-    const words = await import(new URL("../../lib/words.js", process.argv[1]));
+    const words = await import(new URL("./words.js", process.argv[1]));
     await words.speak("zh");
     await words.speakOfAll();
     const said = (answer) => {
@@ -424,7 +466,7 @@ def in_chinese(answers: list[dict[str, Any]]) -> list[list[Any]]:
             "layout": answer["figure"]["layout"],
         }} for answer in answers
     ]  # fmt: skip
-    found: list[list[Any]] = told("pages/workbench/spoken.js", script, thin)
+    found: list[list[Any]] = told("lib/spoken.js", script, thin)
     return found
 
 

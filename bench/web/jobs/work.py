@@ -21,6 +21,11 @@ _NICE = 10
 _SHARE = 0.5
 """Share of the computer's memory that a computation may use."""
 _LEAST_BYTES = 2 << 30
+FIRST_MODULES = (
+    "bench.web.workbench.diagnosing", "bench.web.workbench.drawing", "cryptography.hazmat.primitives.serialization",
+    "pyarrow.compute", "scipy.interpolate", "scipy.optimize",
+)  # fmt: skip
+"""Modules of the first requests, loaded before one arrives: a person waits for it."""
 _TOO_LARGE = "the analysis needs more memory than it may use here: choose fewer runs or a simpler model"
 
 
@@ -29,8 +34,8 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # the output of a library must not be taken for an answer
     lower_priority()
-    # Load the modules of all requests before the first one arrives.
-    importlib.import_module("bench.web.workbench.computing")
+    for name in FIRST_MODULES:
+        importlib.import_module(name)
     serve(sys.stdin.buffer, answers)
 
 

@@ -16,6 +16,8 @@ class DiagnosisRequest(RunChoice):
     """A model to diagnose on runs of one unit."""
 
     model: ModelJson
+    brief: bool = False
+    """Leave out pictures and the next experiment; a request with them, made next, costs only these."""
 
 
 @router.post("/diagnoses", status_code=202)
@@ -25,6 +27,7 @@ def diagnoses(request: Request, body: DiagnosisRequest, here: Here, who: Enginee
     The profile of the proposed next experiment is saved as a plan: `next_experiment.plan` is its id.
     """
     body.model.model()
-    inputs = {**body.resolved(request), "model": body.model.content(), "plans": str(here.own / "plans")}
+    inputs = {**body.resolved(request), **body.model_dump(include={"brief"})}
+    inputs |= {"model": body.model.content(), "plans": str(here.own / "plans")}
     target = "bench.web.workbench.diagnosing:diagnosis"
     return submit(request, "diagnosis", target, inputs, key=key_of(target, inputs), lane="slow")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -34,39 +35,51 @@ from bench.record import Dataset, slug, write_atomically
 from bench.web.workbench import computing
 from bench.web.workbench.asking import model_json
 from bench.web.workbench.captions import captioned, effects_said, floor_said, said, span
+from bench.web.workbench.computing import Run, Runs
 
 _SIDE_BY_SIDE = 3
 """Suspects whose evidence is drawn side by side, as in the report."""
 
 
 def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
-    """The result of `bench diagnose`, with figures; the next experiment's profile is written below `plans`.
+    """The result of `bench diagnose`; with figures, and the next experiment's profile below `plans`, unless `brief`.
 
     Run folders are not changed.
     """
-    runs, check, static = (
+    runs, check, static, sisters = (
         computing.runs_of(inputs["runs"]), computing.runs_of(inputs["check"]), computing.static_of(inputs),
+        computing.runs_of(inputs["sisters"]),
     )  # fmt: skip
     computing.refuse_mixed([*runs, *check, *([static] if static else [])])
-    data, checks = [computing.dataset(run) for run in runs], [computing.dataset(run) for run in check]
-    still = None if static is None else computing.dataset(static)
-    model = computing.model_of(computing.model_text(inputs["model"]))
-    kin = [computing.dataset(run) for run in computing.runs_of(inputs["sisters"])]
-    floor_dph = computing.floor(runs, static).floor_dph
-    found = diagnose(data, model, check=checks, static=still, sisters=kin, floor_dph=floor_dph)
+    data, brief = [computing.dataset(run) for run in runs], inputs["brief"]
+    found = _diagnosed(runs, check, static, sisters, computing.model_text(inputs["model"]))
     content = found.to_json()
     suspects = zip(content["suspects"], found.suspects, strict=True)
-    content["suspects"] = [{**entry, **_pictured(data, found, suspect)} for entry, suspect in suspects]
+    content["suspects"] = [{**entry, **_pictured(data, found, suspect, brief)} for entry, suspect in suspects]
     formulas = zip(content["formulas"], found.formulas, strict=True)
-    content["formulas"] = [{**entry, **drawn(data[0], found.model, formula)} for entry, formula in formulas]
-    content["figures"] = _figures(data, found)
+    content["formulas"] = [{**entry, **drawn(data[0], found.model, formula, brief)} for entry, formula in formulas]
+    content["figures"] = {} if brief else _figures(data, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
-    proposal = next_experiment(found, data, static=still)
+    still = None if static is None else computing.dataset(static)
+    proposal = None if brief else next_experiment(found, data, static=still)
     content["next_experiment"] = None if proposal is None else planned(proposal, Path(inputs["plans"]), data[0].name)
     return content
 
 
-def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffect) -> dict[str, Any]:
+@lru_cache(maxsize=4)
+def _diagnosed(runs: Runs, check: Runs, static: Run | None, sisters: Runs, model: str) -> Diagnosis:
+    """A diagnosis, which is told first and drawn later."""
+    return diagnose(
+        [computing.dataset(run) for run in runs],
+        computing.model_of(model),
+        check=[computing.dataset(run) for run in check],
+        static=None if static is None else computing.dataset(static),
+        sisters=[computing.dataset(run) for run in sisters],
+        floor_dph=computing.floor(runs, static).floor_dph,
+    )
+
+
+def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffect, brief: bool) -> dict[str, Any]:
     """Content of a page about a suspect: its partial residual, its evidence, the model with it."""
     added = suspect.model.effects[-1]
     return {
@@ -74,16 +87,16 @@ def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffec
         "summary": summary_of(suspect.effect),
         "model": model_json(suspect.model),
         "add": model_json(suspect.model)["effects"][-1:],
-        "partial": _partial(data[0], found, suspect) if suspect.shape else None,
+        "partial": _partial(data[0], found, suspect) if suspect.shape and not brief else None,
         "family": added.family,
     }
 
 
-def drawn(data: Dataset, model: Model, formula: DescribedFormula) -> dict[str, Any]:
+def drawn(data: Dataset, model: Model, formula: DescribedFormula, brief: bool = False) -> dict[str, Any]:
     """Content of a page about a formula for `model`: what adds it, with the effects beside it, and its picture."""
     added = formula.model.effects[-1]
     answer: dict[str, Any] = {"add": model_json(formula.model)["effects"][len(model.effects) :], "partial": None}
-    if formula.residuals and formula.contribution:
+    if formula.residuals and formula.contribution and not brief:
         x, shape = coordinate(data, added), formula.contribution[0]
         caption = said("formula", formula=formula.formula, over={"label": x.title})
         table = columns({x.title: x.values, "data [deg/h]": formula.residuals[0] + shape, "formula [deg/h]": shape})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +22,8 @@ from bench.web.workbench.asking import MOST_RUNS, ModelJson, RunId, model_json
 
 router = APIRouter(tags=["workbench"])
 
+_TIME_S, _SIZE = [10.0, 3600.0], [0.1, 10.0]
+"""Bounds to begin with: of a time [s], and of anything else."""
 Where = Literal["shipped", "project"]
 """Where a model comes from."""
 
@@ -108,6 +111,8 @@ class FormulaAnswer(BaseModel):
     amplitudes: list[str] = []
     nonlinear: list[str] = []
     needs: list[str] = []
+    bounds: dict[str, list[float]] = {}
+    """Parameters that need bounds, also of a term that is not valid yet: each with bounds to begin with."""
     effect: dict[str, Any] | None = None
 
 
@@ -162,6 +167,7 @@ def effects() -> Effects:
 @router.post("/effects/formula")
 def formula(request: Request, body: FormulaRequest) -> FormulaAnswer:
     """Check a term while it is typed; nothing is computed."""
+    needed = _needing_bounds(body.expression)
     try:
         term = Expression(body.expression, body.bounds)
         for run in resolved(request, body.runs):
@@ -170,7 +176,7 @@ def formula(request: Request, body: FormulaRequest) -> FormulaAnswer:
                 known = ", ".join(name for name in variables() if name in has)
                 raise InputError(f"{run['run']} has no channel '{channel}': choose one of {known}")
     except InputError as error:
-        return FormulaAnswer(ok=False, detail=str(error).removeprefix("expression: "))
+        return FormulaAnswer(ok=False, detail=str(error).removeprefix("expression: "), bounds=needed)
     parsed, bounds = term.parsed, {name: list(pair) for name, pair in body.bounds.items()}
     return FormulaAnswer(
         ok=True,
@@ -178,8 +184,38 @@ def formula(request: Request, body: FormulaRequest) -> FormulaAnswer:
         amplitudes=list(parsed.amplitudes),
         nonlinear=list(parsed.nonlinear),
         needs=list(term.needs),
+        bounds=needed,
         effect={"effect": "expression", "formula": body.expression, **({"bounds": bounds} if bounds else {})},
     )
+
+
+def _needing_bounds(text: str) -> dict[str, list[float]]:
+    """Parameters inside a function, a power or a divisor, which cannot be amplitudes, with bounds to begin with."""
+    try:
+        tree = ast.parse(text.strip(), mode="eval")
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return {}
+    found: dict[str, list[float]] = {}
+    for node in ast.walk(tree):
+        parts: list[ast.expr] = []
+        match node:
+            case ast.Call(func=ast.Name(id="lag" | "delay"), args=[inner, time]):
+                found |= dict.fromkeys(_parameters(time), _TIME_S)
+                parts = [inner]
+            case ast.Call(args=parts):
+                pass
+            case ast.BinOp(left=left, op=ast.Pow(), right=right):
+                parts = [left, right]
+            case ast.BinOp(op=ast.Div(), right=right):
+                parts = [right]
+        for name in (name for part in parts for name in _parameters(part)):
+            found.setdefault(name, _SIZE)
+    return found
+
+
+def _parameters(part: ast.expr) -> list[str]:
+    names = (node.id for node in ast.walk(part) if isinstance(node, ast.Name))
+    return [name for name in names if name not in {*FUNCTIONS, *variables(), "pi"}]
 
 
 def _where(path: Path) -> Where:

@@ -70,6 +70,9 @@ export function channelWord(name) {
   return or(`import.channel.${name}`, family ? `${channelWord(family)} ${end}` : name.replaceAll("_", " "));
 }
 
+/** Name of an effect: "thermal lag" for `thermal_lag`; one that is not in the catalogue keeps its name. */
+export const effectWord = (name) => or(`workbench.effect.${name}`, /^\w+$/.test(name) ? name.replaceAll("_", " ") : name);
+
 /** Name of a quantity that is measured or judged. */
 export const quantityWord = (name) => or(`units.q.${name}`, name.replaceAll("_", " "));
 

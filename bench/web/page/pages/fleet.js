@@ -4,9 +4,8 @@ import { post, query, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { number, quantityWord, symbols, t } from "../lib/words.js";
+import { effectWord, number, quantityWord, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { effectWord } from "./workbench/effects.js";
 import { day, NoRegistry, sig, Tile, useGet } from "./stock/parts.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;

@@ -3,7 +3,7 @@ import { html, useEffect, useLayoutEffect, useRef, useState } from "../../lib/pr
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
-import { spokenTitles } from "../workbench/spoken.js";
+import { spokenTitles } from "../../lib/spoken.js";
 
 /** Columns of the traces of a figure as rows for a CSV. */
 function rowsOf(figure) {

@@ -1,6 +1,6 @@
 // The ladder: error of each model so far, in-sample and held-out, and the noise floor. A new rung is animated.
 import { html, t, useEffect, usePalette, useRef, useState, number } from "./parts.js";
-import { labelled } from "./spoken.js";
+import { labelled } from "../../lib/spoken.js";
 import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
 import { palette } from "../../lib/figure.js";

@@ -6,7 +6,7 @@ import { Compare } from "./compare.js";
 import { FOLLOWING_MODEL, START_MODEL, isOpen } from "./first.js";
 import { NextExperiment } from "./experiment.js";
 import { Ladder } from "./ladder.js";
-import { ModelPanel } from "./model.js";
+import { ModelPanel, useModels } from "./model.js";
 import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
 import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
@@ -90,7 +90,7 @@ function useUndoKeys(act) {
   }, []);
 }
 
-function Bench({ session }) {
+function Bench({ session, models }) {
   const { runs, model, steps, act } = session;
   useUndoKeys(act);
   const analysis = useJob("/analyses", analysisOf(runs, model));
@@ -99,15 +99,18 @@ function Bench({ session }) {
   const settled = open ? analysis.result?.models[0].model : null;
   useEffect(() => settled && act({ type: "settle", model: settled }), [settled]);
   useEffect(() => analysis.failed && same(model, START_MODEL) && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
-  const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model });
+  // What is missing is told first; the pictures of it are many times as large and follow.
+  const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model, brief: true });
+  const pictured = useJob("/diagnoses", diagnosis.result ? { ...runs, model } : null);
+  const found = pictured.result ?? diagnosis.result;
   const floor = (analysis.result ?? analysis.stale)?.floor_dph ?? null;
   const [standing, pictures] = [useRef(null), useRef(null)];
   // What is wrong with a model is told beside its errors, and not again by the diagnosis and the figure.
   const once = (failed) => (failed === analysis.failed ? "" : failed);
   useEffect(() => analysis.failed && show(standing), [analysis.failed]);
-  const picked = pictureOf(diagnosis.result, session.picture);
-  const add = (found) => {
-    act({ type: "add", effects: found.add });
+  const picked = pictureOf(found, session.picture);
+  const add = (missing) => {
+    act({ type: "add", effects: missing.add });
     show(standing);
   };
   const pick = (picture) => {
@@ -118,10 +121,11 @@ function Bench({ session }) {
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
       <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
-        <${Suspects} found=${diagnosis.result} failed=${once(diagnosis.failed)} running=${diagnosis.running || (open && analysis.running)} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
+        <${Suspects} found=${found} failed=${once(diagnosis.failed)} running=${diagnosis.running || (open && analysis.running)} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
+        ${pictured.failed && html`<p class="wb-bad" role="alert"><${Said} text=${pictured.failed} /></p>`}
       </section>
-      <${NextExperiment} next=${diagnosis.result?.next_experiment} unit=${unitOf(runs.runs[0])} />
-      <${ModelPanel} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} runs=${runs} />
+      <${NextExperiment} next=${found?.next_experiment} unit=${unitOf(runs.runs[0])} />
+      <${ModelPanel} models=${models} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} runs=${runs} />
       <${Notes} key=${runs.runs[0]} run=${runs.runs[0]} address=${session.address} />
     </div>
     <div class="wb-main" ref=${pictures}><${Pictures} session=${session} picked=${picked} once=${once} /></div>
@@ -160,6 +164,7 @@ export function Page({ query = {} }) {
   const { chosen, act } = session;
   const [mode, setMode] = useState("compare" in query ? "compare" : "bench");
   const offered = useCompanions(chosen[0]?.run);
+  const models = useModels();
   const begin = (row) => {
     act({ type: "choose", runs: [{ ...row, role: "fit" }] });
     setMode("bench");
@@ -181,7 +186,7 @@ export function Page({ query = {} }) {
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
-    ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
+    ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} models=${models} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }
 

@@ -1,6 +1,6 @@
 // The current model: its effects, another model to start with, a name to save it.
 import { html, or, t, api, measured, useEffect, useState } from "./parts.js";
-import { effectWord } from "./effects.js";
+import { effectWord } from "../../lib/words.js";
 import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
 import { typed, written } from "./typed.js";
@@ -28,12 +28,12 @@ function Option({ of, name, value, busy, change }) {
     value=${written(value)} onChange=${(event) => change(typed(event.target.value))} /></label>`;
 }
 
-/** Models of the library, fetched once; `again()` after one was saved. */
-function useModels() {
-  const [models, setModels] = useState([]);
-  const again = () => api.get("/models").then((known) => setModels(offered(known.models)), () => setModels([]));
+/** Models of the library; `again()` after one was saved. The request also has the server start its computing processes. */
+export function useModels() {
+  const [known, setKnown] = useState([]);
+  const again = () => api.get("/models").then(({ models }) => setKnown(offered(models)), () => setKnown([]));
   useEffect(() => void again(), []);
-  return { models, again };
+  return { known, again };
 }
 
 /** Models that the server takes at once. */
@@ -89,20 +89,19 @@ function Found({ fitted, effect }) {
     one.at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</span>`);
 }
 
-/** `steps` are the models so far, the last one is the current one; `fitted` are its scores; `act` changes it. */
-export function ModelPanel({ model, fitted, steps, busy, act, runs }) {
-  const { models, again } = useModels();
+/** `models` of the library {known, again}; `steps` are the models so far, the last one is the current one; `fitted` are its scores; `act` changes it. */
+export function ModelPanel({ models, model, fitted, steps, busy, act, runs }) {
   const options = useOptions();
   const choose = (event) => {
-    const known = models.find((one) => one.name === event.target.value);
+    const known = models.known.find((one) => one.name === event.target.value);
     if (known) act({ type: "model", model: known.model });
   };
   return html`<section class="wb-card wb-model" aria-labelledby="wb-model-title">
     <div class="wb-card-head"><h2 id="wb-model-title">${t("workbench.model.title")}</h2>
       <label class="wb-inline">${t("workbench.model.begin")}
         <select value=${steps[0].model.name} onChange=${choose}>
-          ${models.every((one) => one.name !== steps[0].model.name) && html`<option value=${steps[0].model.name}>${steps[0].model.name}</option>`}
-          ${models.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
+          ${models.known.every((one) => one.name !== steps[0].model.name) && html`<option value=${steps[0].model.name}>${steps[0].model.name}</option>`}
+          ${models.known.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === steps[0].model.name}>${one.name}</option>`)}
         </select></label></div>
     <ol class="wb-effects">${model.effects.map((effect, i) => html`<li key=${`${i} ${effect.effect}`}>
       <span>${effectWord(effect.effect)} <code>${effect.effect}</code>
@@ -112,7 +111,7 @@ export function ModelPanel({ model, fitted, steps, busy, act, runs }) {
         onClick=${() => act({ type: "remove", index: i })}>×</button>`}
     </li>`)}</ol>
     <${OwnTerm} busy=${busy} runs=${[...runs.runs, ...runs.check]} onAdd=${(effect) => act({ type: "add", effects: [effect] })} />
-    <${Save} model=${model} onSaved=${again} />
+    <${Save} model=${model} onSaved=${models.again} />
     <${Notebook} runs=${runs} steps=${steps} model=${model} />
   </section>`;
 }

@@ -5,7 +5,7 @@ import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
 import { symbols } from "../../lib/words.js";
-import { caption, spoken } from "./spoken.js";
+import { caption, spoken } from "../../lib/spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { Said } from "../../lib/said.js";
 

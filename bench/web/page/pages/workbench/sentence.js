@@ -1,8 +1,7 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
-import { channelWord, or, symbols, t } from "../../lib/words.js";
-import { effectWord } from "./effects.js";
+import { channelWord, effectWord, or, symbols, t } from "../../lib/words.js";
 import { measured, number } from "./parts.js";
-import { labelled } from "./spoken.js";
+import { labelled } from "../../lib/spoken.js";
 
 /** Name of a fitted parameter of an effect, as people read it. */
 export const parameterWord = (name) => or(`workbench.parameter.${name}`, name.replaceAll("_", " "));

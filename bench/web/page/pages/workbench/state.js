@@ -1,6 +1,6 @@
 // State of the workbench: the runs with their roles, the models in order, what is shown. All of it is in the address, so
 // that a link, a reload, back and forward show the same.
-import { effectWord } from "./effects.js";
+import { effectWord } from "../../lib/words.js";
 import { START_MODEL } from "./first.js";
 
 export const ROLES = ["fit", "check", "static", "sister"];

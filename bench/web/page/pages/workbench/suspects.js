@@ -1,8 +1,7 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
 import { html, or, t, useState, measured, number } from "./parts.js";
-import { effectWord } from "./effects.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
-import { symbols } from "../../lib/words.js";
+import { effectWord, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 
 const SHOWN = 4;

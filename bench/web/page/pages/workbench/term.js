@@ -16,15 +16,13 @@ function useCheck(expression, bounds, runs) {
     const timer = setTimeout(() => {
       api.post("/effects/formula", { expression, bounds, runs }).then(
         (found) => active && setAnswer(found),
-        (error) => active && setAnswer({ ok: false, detail: error.message, parameters: [] }),
+        (error) => active && setAnswer({ ok: false, detail: error.message }),
       );
     }, PAUSE_MS);
     return () => { active = false; clearTimeout(timer); };
   }, [request]);
   return answer;
 }
-
-const nameOf = (parameter) => (typeof parameter === "string" ? parameter : parameter.name);
 
 /** A pair of numbers for a parameter inside a function. */
 function Bounds({ name, value, onChange }) {
@@ -35,20 +33,26 @@ function Bounds({ name, value, onChange }) {
   </fieldset>`;
 }
 
+/** Bounds as they are typed, at first the server's. */
+const textOf = (pair) => pair.map(String);
+
 /** `runs` are the ids of those that it is fitted to; `onAdd(effect)` gets {effect: "expression", formula, bounds}. */
 export function OwnTerm({ busy, runs, onAdd }) {
   const [expression, setExpression] = useState("");
   const [typed, setTyped] = useState({});
-  const inside = [...new Set([...expression.matchAll(/\b(?:lag|play)\([^()]*(?:\([^()]*\))?[^()]*,\s*([A-Za-z_]\w*)\s*\)/g)].map((found) => found[1]))];
-  const bounds = Object.fromEntries(inside.filter((name) => (typed[name] ?? ["10", "3600"]).every((end) => Number.isFinite(numberOf(end))))
-    .map((name) => [name, (typed[name] ?? ["10", "3600"]).map(numberOf)]));
+  // The server says which parameters need bounds, and some to begin with.
+  const [needed, setNeeded] = useState({});
+  const pairs = Object.entries(needed).map(([name, pair]) => [name, typed[name] ?? textOf(pair)]);
+  const bounds = Object.fromEntries(pairs.map(([name, pair]) => [name, pair.map(numberOf)]).filter(([, pair]) => pair.every(Number.isFinite)));
   const answer = useCheck(expression, bounds, runs);
+  useEffect(() => answer && setNeeded(answer.bounds ?? {}), [answer]);
   const wrong = answer && !answer.ok;
   const add = (event) => {
     event.preventDefault();
     if (!answer?.ok || busy) return;
     onAdd({ effect: "expression", formula: expression.trim(), ...(Object.keys(bounds).length ? { bounds } : {}) });
     setExpression("");
+    setNeeded({});
   };
   return html`<form class="wb-term" onSubmit=${add}>
     <label for="wb-term">${t("workbench.term.title")}</label>
@@ -57,9 +61,9 @@ export function OwnTerm({ busy, runs, onAdd }) {
         aria-invalid=${wrong ? "true" : "false"} aria-describedby="wb-term-check" onInput=${(event) => setExpression(event.target.value)} />
       <button type="submit" class="narrow" disabled=${busy || !answer?.ok}>${t("workbench.suspect.add")}</button>
     </div>
-    ${inside.map((name) => html`<${Bounds} key=${name} name=${name} value=${typed[name] ?? ["10", "3600"]}
-      onChange=${(which, pair) => setTyped((old) => ({ ...old, [which]: pair }))} />`)}
+    ${pairs.map(([name, pair]) => html`<${Bounds} key=${name} name=${name} value=${pair}
+      onChange=${(which, ends) => setTyped((old) => ({ ...old, [which]: ends }))} />`)}
     <p id="wb-term-check" class=${wrong ? "wb-bad" : "wb-soft"} role="status">
-      ${!answer ? t("workbench.term.hint") : wrong ? html`✕ <${Said} text=${answer.detail} />` : `✓ ${t("workbench.term.good", { parameters: (answer.parameters ?? []).map(nameOf).join(", ") || "–" })}`}</p>
+      ${!answer ? t("workbench.term.hint") : wrong ? html`✕ <${Said} text=${answer.detail} />` : `✓ ${t("workbench.term.good", { parameters: answer.parameters.join(", ") || "–" })}`}</p>
   </form>`;
 }

@@ -1,6 +1,5 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
-import { known, language, quantityWord, symbols, t } from "../../lib/words.js";
-import { effectWord } from "./effects.js";
+import { effectWord, known, language, quantityWord, symbols, t } from "./words.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
 
