@@ -11,21 +11,13 @@ from typing import TYPE_CHECKING
 
 from bench import acquisition, analysis, archive, deliver
 from bench.base import Document, InputError, library, load_config, read_yaml, user_name
-from bench.commands.analysis import DEFAULT_MODELS, model_file
-from bench.commands.ending_early import EndingEarly, followed
 from bench.commands.files import write
 from bench.commands.papers import Papers
-from bench.commands.registering import open_in
-from bench.commands.results.analyse import Reported, UnitsReported
 from bench.commands.results.measure import Checked, Copied, StationServed
-from bench.commands.run_junit import with_junit
-from bench.commands.several import report_on_units
 from bench.commands.slots import seated
-from bench.commands.terminal.following import Following
-from bench.commands.terminal.keyboard import Keyboard
-from bench.commands.terminal.progress import Progress
 
 if TYPE_CHECKING:
+    from bench.commands.results.analyse import Reported, UnitsReported
     from drivers.sim.sender import Frames
 
 
@@ -73,12 +65,17 @@ def run_profile(
     """`bench run`: check everything, run, capture, fit, report."""
     if options.junit is None:
         return _run(profile_path, station_path, options, out, quiet)
+    from bench.commands.run_junit import with_junit
+
     return with_junit(lambda: _run(profile_path, station_path, options, out, quiet), profile_path.stem, options.junit)
 
 
 def _run(
     profile_path: Path, station_path: Path | None, options: RunOptions, out: Path, quiet: bool
 ) -> Reported | UnitsReported:
+    from bench.commands.analysis import DEFAULT_MODELS, model_file
+    from bench.commands.several import report_on_units
+
     chosen = [analysis.load_model(model) for model in options.models or DEFAULT_MODELS]
     limits, texts = _given(options, out)
     texts |= {model_file(i): model.to_yaml() for i, model in enumerate(chosen)}
@@ -112,6 +109,8 @@ def conduct(
 
 def job_of(profile: Path | Document, station: Path | Document | None, task: Task) -> acquisition.Job:
     """What `run_job` executes, read and checked; InputError where the station cannot run the profile."""
+    from bench.commands.ending_early import followed
+
     own = profile if isinstance(profile, Document) else read_yaml(profile)
     place = station_file(station)
     loaded, settings = acquisition.load_profile(own), station_of(place).remembering(task.out)
@@ -139,6 +138,11 @@ def job_of(profile: Path | Document, station: Path | Document | None, task: Task
 
 def carry_out(job: acquisition.Job, quiet: bool) -> acquisition.RunResult:
     """Run a job, with progress and keys in the terminal of this process; `until` in its profile may end it."""
+    from bench.commands.ending_early import EndingEarly
+    from bench.commands.terminal.following import Following
+    from bench.commands.terminal.keyboard import Keyboard
+    from bench.commands.terminal.progress import Progress
+
     desk, early = acquisition.Desk(), EndingEarly.of(job)
     with Keyboard(desk) as keyboard, Progress(job.profile, quiet, lambda: keyboard.notice) as progress:
         if early is None:
@@ -170,6 +174,8 @@ def _given(options: RunOptions, out: Path) -> tuple[analysis.Limits | None, dict
 
 def _registered(out: Path, where: str | None) -> str:
     """The registry's equipment as an equipment file; InputError where it has none, or one is not calibrated today."""
+    from bench.commands.registering import open_in
+
     tools, url = [], where or str(out / archive.FILE)
     if where is not None or (out / archive.FILE).is_file():
         with open_in(out, where) as registry:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from bench import archive
 from bench.commands.files import tell_unproven
-from bench.commands.replay.replaying import replay as made_again
 from bench.commands.results.analyse import Differs, Replayed
 
 
 def replay_runs(runs: Sequence[Path], models: Sequence[str], others: Sequence[Path]) -> Replayed:
     """`bench replay`: the numbers of runs made again; `others` are further runs of their analyses."""
+    from bench.commands.replay.replaying import replay as made_again
+
     tell_unproven(*runs)
     return Replayed(tuple(made_again(run, models, others) for run in runs))
 

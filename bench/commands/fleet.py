@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench import analysis, archive
 from bench.base import InputError, nearest_or_all
 from bench.commands.files import write
-from bench.commands.refitting import RefitOptions, engine_of
-from bench.commands.registering import existing, open_in
 from bench.commands.results.stock import FleetDiagnosed, FleetJudged, GaugeJudged
+
+if TYPE_CHECKING:
+    from bench.commands.refitting import RefitOptions
 
 
 def fleet(  # noqa: PLR0913 - options of one command, by keyword
@@ -24,6 +26,8 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     csv: Path | None,
 ) -> FleetJudged:
     """Yield, capability, charts, drifts, odd units."""
+    from bench.commands.registering import existing
+
     bounds = analysis.load_limits(limits) if limits else None
     with existing(out, where) as registry:
         units = archive.fleet_of(registry, pattern, archive.Selection(profile))
@@ -38,6 +42,9 @@ def diagnose_units(
     model_name: str, out: Path, where: str | None, options: RefitOptions, *, again: bool = False
 ) -> FleetDiagnosed:
     """`bench fleet diagnose`: what the model of every unit lacks, and what a lot has in common."""
+    from bench.commands.refitting import engine_of
+    from bench.commands.registering import open_in
+
     model, name = analysis.load_model(model_name), "none"
 
     def engine(units: int) -> archive.Engine:
@@ -65,6 +72,8 @@ def gauge(
     InputError for an unknown quantity, for runs that are no study, and for limits without a width.
     """
     import numpy as np
+
+    from bench.commands.registering import existing
 
     with existing(out, where) as registry:
         runs, units, left_out = archive.selected(registry, pattern, archive.Selection(profile))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.acquisition import (
     LiveRun,
@@ -15,11 +15,11 @@ from bench.acquisition import (
     wait_until,
 )
 from bench.base import EquipmentError, InputError
-from bench.commands import analysis
-from bench.commands.results.analyse import Reported, UnitsReported
 from bench.commands.results.live import REACHED, Aborted, Asked, LiveRuns, Recovered
-from bench.commands.resuming import go_on
 from bench.record import LIVE, MANIFEST
+
+if TYPE_CHECKING:
+    from bench.commands.results.analyse import Reported, UnitsReported
 
 REACTION_S = 10.0
 """A run does what it is asked at its next tick, a second; a slow controller may take a few more."""
@@ -50,6 +50,9 @@ def resume(
     folder: Path | None, station: Path | None, out: Path, quiet: bool
 ) -> Asked | Recovered | Reported | UnitsReported:
     """`bench resume`: go on with a live run that holds, or with one whose bench was killed."""
+    from bench.commands import analysis
+    from bench.commands.resuming import go_on
+
     if folder is None or ((found := live_at(folder)) is not None and found.condition() != "gone"):
         return act_on_run("resume", folder, out)
     whole = (folder / MANIFEST).exists()

@@ -12,7 +12,6 @@ from bench import acquisition, analysis
 from bench.base import FloatArray, InputError, __version__, finite
 from bench.commands.acquisition import load_station
 from bench.commands.analysis import recovered, usual_means
-from bench.commands.ending_early import prior_of, records_of
 from bench.commands.files import write
 from bench.commands.results.stock import LotAudited, LotCalibrated, LotChecked, LotCompleted, LotPlanned
 from bench.record import (
@@ -54,6 +53,8 @@ def audits(folder: Path, out: Path) -> LotAudited:
     """`bench lot audits`: what runs that ended early saved, and whether the audits bear their stated errors out."""
     import scipy
 
+    from bench.commands.ending_early import records_of
+
     found = list(records_of(out, folder))
     if not found:
         raise InputError(f"holds no run with `until` of the lot {folder.name}", out)
@@ -78,6 +79,8 @@ def plan_lot(folder: Path, target_dph: float, profile: Path | None, station: Pat
 
     Rates are those of the lot's runs, or up to those of a station's chamber. InputError where no plan is.
     """
+    from bench.commands.ending_early import prior_of
+
     prior, lot = prior_of(folder), LotRecord.read(folder)
     fastest = None
     if station is not None:
@@ -116,6 +119,8 @@ def complete_unit(folder: Path, run: Path, out: Path) -> LotCompleted:
 
     InputError where the run does not go through all temperatures of the lot, or the unit is unlike it.
     """
+    from bench.commands.ending_early import prior_of
+
     prior, lot = prior_of(folder), LotRecord.read(folder).lot
     own = usual_means(recovered([run]))[0]
     seen, likeness = prior.expected(own).seen, prior.like(own)

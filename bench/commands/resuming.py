@@ -5,14 +5,17 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench import acquisition
 from bench.base import Document, InputError, load_config, read_yaml
 from bench.commands.acquisition import carry_out, station_of
 from bench.commands.analysis import kept_models
-from bench.commands.results.analyse import Reported, UnitsReported
 from bench.commands.several import report_on_units
 from bench.record import RunFolder, use
+
+if TYPE_CHECKING:
+    from bench.commands.results.analyse import Reported, UnitsReported
 
 QUIET_S = 3.0
 """A bench that runs writes its journals at least once a second."""

@@ -25,3 +25,14 @@ def test_the_page_is_served_without_what_only_computations_and_simulators_import
     script = f"import sys, bench.web.server.app; print([name for name in {wanted} if name in sys.modules])"
     said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert said.strip() == "[]"
+
+
+def test_a_list_of_effects_is_printed_without_the_bench_that_runs():
+    wanted = "serial", "threadpoolctl", "scipy.optimize", "scipy.interpolate", "pandas", "matplotlib"
+    script = (
+        "import atexit, sys; from bench.cli import main\n"
+        f"atexit.register(lambda: print([name for name in {wanted} if name in sys.modules], file=sys.stderr))\n"
+        "main(['effects', '--json'])"
+    )
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stderr
+    assert said.strip() == "[]"

@@ -16,9 +16,7 @@ from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
 from bench.commands.calibration.steps import AgainError, calibration_of, in_the_unit, run_of, texts
-from bench.commands.certifying import CertificateOptions
 from bench.commands.imu import imu, verify_imu
-from bench.commands.imu_certifying import imu_certificate
 from bench.commands.papers import Papers
 from bench.record import ImuRecord, put
 
@@ -99,6 +97,9 @@ class CertifyImu:
 
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
+        from bench.commands.certifying import CertificateOptions
+        from bench.commands.imu_certifying import imu_certificate
+
         if not order.plan.certificate:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
         made = imu_certificate(calibration_of(job), CertificateOptions(), job.folder / "certificate.pdf").facts

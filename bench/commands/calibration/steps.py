@@ -28,10 +28,7 @@ from bench.commands.calibration.doubts import decided, doubts, judged, verdict_o
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
-from bench.commands.certifying import CertificateOptions, certificate
 from bench.commands.ending_early import lot_of
-from bench.commands.flash_record import newest_record
-from bench.commands.flashing import FlashOptions, flash, in_unit
 from bench.commands.lots import complete_unit
 from bench.commands.papers import Papers
 from bench.deliver import lacking, load_instruments, refuse_overdue
@@ -270,6 +267,8 @@ class Flash:
 
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
+        from bench.commands.flashing import FlashOptions, flash
+
         options = FlashOptions(run=calibration_of(job), form=order.plan.form)
         flashed = flash(order.serial, order.station_file(), options, order.out, order.quiet)
         keys = ("calibration_id", "form", "bank", "crc", "coefficient_set")
@@ -308,6 +307,9 @@ class Verify:
 
 def in_the_unit(order: Order) -> dict[str, Any]:
     """The calibration that is in force in the unit, read over its bus."""
+    from bench.commands.flash_record import newest_record
+    from bench.commands.flashing import in_unit
+
     settings = acquisition.station_of(order.station_file())
     unit = settings.chosen([order.serial])[0]
     return in_unit(settings, unit, newest_record(order.out, order.serial), order.out)
@@ -321,6 +323,8 @@ class Certify:
 
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
+        from bench.commands.certifying import CertificateOptions, certificate
+
         if not order.plan.certificate:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
         plan, options = order.plan, CertificateOptions(verifications=(run_of(job, "verify"),))

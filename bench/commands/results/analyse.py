@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench import acquisition, analysis, base, mystery, record
-from bench.commands.replay.replaying import Replay
 from bench.commands.results.result import Result
+
+if TYPE_CHECKING:
+    from bench.commands.replay.replaying import Replay
+
 
 WORST_FIRST = (
     "no_data",

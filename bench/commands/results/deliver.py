@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench import analysis, base, deliver, record
-from bench.commands.calibration.job import JobFile
 from bench.commands.results.result import Result
+
+if TYPE_CHECKING:
+    from bench.commands.calibration.job import JobFile
 
 
 @dataclass(frozen=True)
