@@ -23,9 +23,8 @@ def sealed(data: bytes, head: int | None) -> str:
 
 def extended(seal: str, lines: bytes) -> str:
     """The seal after further lines."""
-    sha256 = hashlib.sha256
     for line in lines.splitlines(keepends=True):
-        seal = sha256(seal.encode() + line).hexdigest()
+        seal = hashlib.sha256(seal.encode() + line).hexdigest()
     return seal
 
 
