@@ -24,7 +24,7 @@ DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
 _SINGLE: np.dtype[Any] = np.dtype(np.float32)
-_AT_ONCE = 128  # columns: what is made of more does not fit the cache
+_COLUMNS = 128  # projected at once: more do not fit the cache
 
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 """What the columns of an entry do with the base: stand beside it, change its curve as they are, or replace it."""
@@ -205,8 +205,8 @@ def _beside(base: FloatArray, columns: Sequence[FloatArray]) -> tuple[FloatArray
     """
     basis = orthonormal(base)
     share, left = np.empty(len(columns)), np.empty((len(base), len(columns)), dtype=_SINGLE)
-    for first in range(0, len(columns), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
+    for first in range(0, len(columns), _COLUMNS):
+        part = slice(first, first + _COLUMNS)
         own = np.hstack(columns[part])
         beside = outside(basis, own)
         norms = np.linalg.norm(beside, axis=0)

@@ -26,7 +26,7 @@ from bench.base import FloatArray
 _RATIO = 4.0  # of neighbouring time constants: the sum is within 1.5 % of 1/f (tests/test_whitening.py)
 _LONGEST_S = 131072.0  # 36 h: beyond any run, where flicker is a constant to the fit
 _BLOCK = 32
-_AT_ONCE = 64  # columns: what is made of more does not fit the cache
+_AT_ONCE = 64  # columns that are whitened at once: more, and what is made of them does not fit the cache
 
 
 @dataclass(frozen=True)
@@ -108,16 +108,15 @@ class Whitener:
         if self.white is not None:  # no row depends on another
             diagonal = (1.0 / np.sqrt(self.white)).astype(matrix.dtype)
             return np.asarray(matrix * (diagonal if matrix.ndim == 1 else diagonal[:, None]))
-        columns = matrix.reshape(self.rows, -1)
+        columns, transfer = matrix.reshape(self.rows, -1), self.transfer.astype(matrix.dtype, copy=False)
         white = np.empty_like(columns)
         for first in range(0, columns.shape[1], _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            white[:, part] = self._whitened(columns[:, part])
+            white[:, part] = self._whitened(transfer, columns[:, part])
         return white.reshape(matrix.shape)
 
-    def _whitened(self, columns: FloatArray) -> FloatArray:
-        """The same of a few columns (n, k)."""
-        transfer = self.transfer.astype(columns.dtype, copy=False)
+    def _whitened(self, transfer: FloatArray, columns: FloatArray) -> FloatArray:
+        """The same of a few columns (n, k), with `transfer` in their precision."""
         blocks, states = len(transfer), transfer.shape[1] - _BLOCK
         both = self._blocks(columns)
         before = transfer[:, :states, states:] @ both[:, states:]  # from the rows of each block alone
