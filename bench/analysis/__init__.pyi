@@ -36,6 +36,7 @@ from .effects.catalogue import catalogue as catalogue
 from .effects.catalogue import entry as entry
 from .effects.expression import Expression as Expression
 from .effects.formula import FUNCTIONS as FUNCTIONS
+from .effects.formula import needing_bounds as needing_bounds
 from .effects.formula import variables as variables
 from .effects.model import MODELS as MODELS
 from .effects.model import Model as Model

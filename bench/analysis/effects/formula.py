@@ -58,6 +58,9 @@ _PARSING = threading.Lock()
 """Python up to 3.12 counts the depth of all trees that are parsed at a time as one, and the filters of warnings are one
 for all threads: the page parses in several."""
 
+_OF_TIME = {"lag", "delay"}
+"""Functions whose second argument is a time [s]."""
+
 Terms = dict[str, ast.expr]
 """Factor of each amplitude; '' holds what no amplitude multiplies."""
 
@@ -65,6 +68,14 @@ Terms = dict[str, ast.expr]
 def variables() -> tuple[str, ...]:
     """Names that a formula may use as data; the rate is what is modelled."""
     return (*(name for name in CHANNELS if name not in {*RATES, "time"}), *_DERIVED)
+
+
+class NoFactorError(InputError):
+    """Parameters `names` of a formula are no amplitudes: they need bounds."""
+
+    def __init__(self, text: str, names: Collection[str]) -> None:
+        super().__init__(text)
+        self.names = names
 
 
 @dataclass(frozen=True)
@@ -129,6 +140,23 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
     needs = tuple(n for n in CHANNELS if n in used - {"time"} or (n == "temperature" and used & {"dT_dt", "direction"}))
     ordered = tuple(dict.fromkeys(name for name in _WORD.findall(text) if name in bounded))
     return Formula(text, tuple(terms), tuple(terms.values()), ordered, needs)
+
+
+def needing_bounds(text: str) -> dict[str, bool]:
+    """Parameters that are inside a function, a power or a divisor, so no amplitudes; True: a time [s]."""
+    found: set[str] = set()
+    while True:
+        try:
+            parse(text, found)
+        except NoFactorError as error:
+            found |= {*error.names}
+            continue
+        except InputError:
+            pass
+        break
+    calls = (node for node in ast.walk(checked(text)) if isinstance(node, ast.Call)) if found else ()
+    times = {name for call in calls if names_of(call.func) & _OF_TIME for name in names_of(call.args[1])}
+    return {name: name in times for name in sorted(found)}
 
 
 def checked(text: str, more: Mapping[str, int] = MappingProxyType({}), *, dotted: bool = False) -> ast.expr:
@@ -222,11 +250,12 @@ def _product(node: ast.BinOp, free: set[str]) -> Terms:
     raise InputError(f"expression: {both} multiply each other: one amplitude is enough{hint(left | right)}")
 
 
-def _no_factor(node: ast.expr, names: Collection[str]) -> InputError:
+def _no_factor(node: ast.expr, names: Collection[str]) -> NoFactorError:
     one = min(names)
-    return InputError(
+    return NoFactorError(
         f"expression: '{one}' is not simply a factor in '{ast.unparse(node)}': give it bounds, such as "
-        f"bounds: {{{one}: [10, 1000]}}{hint(names)}"
+        f"bounds: {{{one}: [10, 1000]}}{hint(names)}",
+        names,
     )
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 from pathlib import Path
 from typing import Any, Literal
 
 from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
-from bench.analysis import FUNCTIONS, MODELS, Expression, catalogue, load_model, model_files, variables
+from bench.analysis import FUNCTIONS, MODELS, Expression, catalogue, load_model, model_files, needing_bounds, variables
 from bench.base import InputError, library
 from bench.record import channels_in, slug, write_atomically
 from bench.web.ground.problems import row
@@ -167,7 +166,7 @@ def effects() -> Effects:
 @router.post("/effects/formula")
 def formula(request: Request, body: FormulaRequest) -> FormulaAnswer:
     """Check a term while it is typed; nothing is computed."""
-    needed = _needing_bounds(body.expression)
+    needed = {name: _TIME_S if time else _SIZE for name, time in needing_bounds(body.expression).items()}
     try:
         term = Expression(body.expression, body.bounds)
         for run in resolved(request, body.runs):
@@ -187,35 +186,6 @@ def formula(request: Request, body: FormulaRequest) -> FormulaAnswer:
         bounds=needed,
         effect={"effect": "expression", "formula": body.expression, **({"bounds": bounds} if bounds else {})},
     )
-
-
-def _needing_bounds(text: str) -> dict[str, list[float]]:
-    """Parameters inside a function, a power or a divisor, which cannot be amplitudes, with bounds to begin with."""
-    try:
-        tree = ast.parse(text.strip(), mode="eval")
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return {}
-    found: dict[str, list[float]] = {}
-    for node in ast.walk(tree):
-        parts: list[ast.expr] = []
-        match node:
-            case ast.Call(func=ast.Name(id="lag" | "delay"), args=[inner, time]):
-                found |= dict.fromkeys(_parameters(time), _TIME_S)
-                parts = [inner]
-            case ast.Call(args=parts):
-                pass
-            case ast.BinOp(left=left, op=ast.Pow(), right=right):
-                parts = [left, right]
-            case ast.BinOp(op=ast.Div(), right=right):
-                parts = [right]
-        for name in (name for part in parts for name in _parameters(part)):
-            found.setdefault(name, _SIZE)
-    return found
-
-
-def _parameters(part: ast.expr) -> list[str]:
-    names = (node.id for node in ast.walk(part) if isinstance(node, ast.Name))
-    return [name for name in names if name not in {*FUNCTIONS, *variables(), "pi"}]
 
 
 def _where(path: Path) -> Where:
