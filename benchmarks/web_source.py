@@ -16,6 +16,7 @@ import threading
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import uvicorn
 
@@ -102,7 +103,7 @@ def main(out: Path, hz: float) -> None:
     (folder / "profile.yaml").write_text(PROFILE)
     remote.LiveFile(os.getpid(), 9, "2026-01-01T00:00:00+00:00", [], "benchmark").write(folder)
     source = Source()
-    setattr(watching, "ask_run", source.ask)  # noqa: B010 - the seam
+    patch.object(watching, "ask_run", source.ask).start()
     app = create_app(Settings(out=out))
     if not hz:
         start = watching.Watcher.start
@@ -112,7 +113,7 @@ def main(out: Path, hz: float) -> None:
             watcher._thread = type(watcher._thread)(target=watcher._run, daemon=True)
             start(watcher)
 
-        setattr(watching.Watcher, "start", started)  # noqa: B010 - the seam
+        patch.object(watching.Watcher, "start", started).start()
     server = uvicorn.Server(
         uvicorn.Config(app, log_level="warning", access_log=False, ws="none", timeout_graceful_shutdown=1)
     )

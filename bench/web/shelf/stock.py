@@ -80,7 +80,7 @@ class Stock:
         self._due: dict[bool, deque[tuple[str, Callable[[Registry], Parts]]]] = {False: deque(), True: deque()}
         """Questions to be counted; True: those that have an older answer, of which one is counted at a time."""
         self._free = {False: _COUNTING, True: 1}
-        """Threads that may be started."""
+        """Daemon threads that may be started: a server that ends waits for an executor's, and not for these."""
 
     @property
     def exists(self) -> bool:

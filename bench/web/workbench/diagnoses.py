@@ -27,7 +27,11 @@ def diagnoses(request: Request, body: DiagnosisRequest, here: Here, who: Enginee
     The profile of the proposed next experiment is saved as a plan: `next_experiment.plan` is its id.
     """
     body.model.model()
-    inputs = {**body.resolved(request), **body.model_dump(include={"brief"})}
-    inputs |= {"model": body.model.content(), "plans": str(here.own / "plans")}
+    inputs = {
+        **body.resolved(request),
+        "brief": body.brief,
+        "model": body.model.content(),
+        "plans": str(here.own / "plans"),
+    }
     target = "bench.web.workbench.diagnosing:diagnosis"
     return submit(request, "diagnosis", target, inputs, key=key_of(target, inputs), lane="slow")
