@@ -68,13 +68,6 @@ KEYS = {
     "registry rebuild --out ROOT --check": REGISTRY,
     "registry list --out ROOT": "registry runs",
     "registry show U-1 --out ROOT": "unit runs",
-    "sync send --centre ROOT/../centre --out ROOT": "centre sent there files bytes damaged unfinished",
-    "sync status --centre ROOT/../centre --out ROOT": """centre waiting there damaged unfinished reached asked
-        cause""",
-    "sync list --centre ROOT/../centre": "centre folders",
-    "sync fetch --centre ROOT/../centre --out ROOT/../here": "centre archive folders there kept damaged",
-    "sync scrub --centre ROOT/../centre": "centre entries files bytes faults set_aside",
-    "sync release --centre ROOT/../centre --older-than 9 --out ROOT": "centre folders bytes refused",
     "registry lot L U-1 --out ROOT": "ledger kind lot units",
     "registry operator Ada --out ROOT": "ledger kind name",
     "registry equipment add c s --kind chamber --out ROOT": "ledger kind name serial type calibrated_on due_on",
@@ -114,6 +107,16 @@ IMU_KEYS = {
         "run format files unit serial calibration_id crc words lost objections",
 }  # fmt: skip
 """One after the other, in one folder."""
+SYNC_KEYS = {
+    "sync send --centre ROOT/../centre --out ROOT": "centre sent there files bytes damaged unfinished",
+    "sync status --centre ROOT/../centre --out ROOT": """centre waiting there damaged unfinished reached asked
+        cause""",
+    "sync list --centre ROOT/../centre": "centre folders",
+    "sync fetch --centre ROOT/../centre --out ROOT/../here": "centre archive folders there kept damaged",
+    "sync scrub --centre ROOT/../centre": "centre entries files bytes faults set_aside",
+    "sync release --centre ROOT/../centre --older-than 9 --out ROOT": "centre folders bytes refused",
+}
+"""One after the other."""
 
 
 def asked(command, places):
@@ -132,6 +135,11 @@ def test_a_command_answers_with_its_keys(command, places):
     assert found >= wanted
     if command not in NO_SUBSET:
         assert found == wanted
+
+
+def test_a_bench_and_its_centre_answer_with_their_keys(places):
+    for command, keys in SYNC_KEYS.items():
+        assert set(asked(command, places)) == set(keys.split()), command
 
 
 @pytest.mark.slow
