@@ -161,8 +161,8 @@ def compare(
     chosen = [analysis.load_model(model) for model in models or DEFAULT_MODELS]
     seconds, still = recovered(runs, output), recovered([static] if static else [], output)
     datasets, checks = usual_means(seconds), usual_means(recovered(check, output))
-    if not lot:
-        record.refuse_mixed((*datasets, *checks, *still))
+    refuse = record.refuse_twice if lot else record.refuse_mixed
+    refuse((*datasets, *checks, *still))
     floor_dph = floor_of(seconds, datasets[0].interval_s, still)
     # A model that nobody asked for may lack its channels; one that was asked for is an error without them.
     comparison = analysis.compare(datasets, chosen, floor_dph, checks or None, strict=bool(models), lot=lot)

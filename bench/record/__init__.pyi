@@ -27,6 +27,7 @@ from .dataset import averaged as averaged
 from .dataset import channels_in as channels_in
 from .dataset import load as load
 from .dataset import refuse_mixed as refuse_mixed
+from .dataset import refuse_twice as refuse_twice
 from .dataset import seconds_of as seconds_of
 from .earth import EARTH as EARTH
 from .earth import EARTH_DPH as EARTH_DPH

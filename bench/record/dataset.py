@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -329,13 +330,25 @@ class Dataset:
 
 
 def refuse_mixed(records: Iterable[Dataset]) -> None:
-    """InputError where records are of different units: a fit to several is a fit of none."""
-    units = sorted({record.unit for record in records} - {""})
+    """InputError where records are of different units, as a fit to several is a fit of none, or where one is twice."""
+    kept = tuple(records)
+    units = sorted({record.unit for record in kept} - {""})
     if len(units) > 1:
         raise InputError(
             f"the runs are of {len(units)} units ({', '.join(units)}), which one fit does not describe: give runs of "
             "one unit, compare two with `bench diff A B`, or ask for one fit to the whole lot with --lot"
         )
+    refuse_twice(kept)
+
+
+def refuse_twice(records: Iterable[Dataset]) -> None:
+    """InputError where two records are one recording: fitted twice it weighs double, as a check it judges itself."""
+    for one, other in combinations(records, 2):
+        if len(one) == len(other) > 1 and np.array_equal(one.channels["rate"], other.channels["rate"], equal_nan=True):
+            raise InputError(
+                f"{one.name} and {other.name} are the same recording: give each run once, and as a check run or an "
+                "isothermal run one that is not fitted"
+            )
 
 
 def load(run_folder: Path | str, interval_s: float = DEFAULT_INTERVAL_S, output: str | None = None) -> Dataset:

@@ -1,6 +1,7 @@
 """The commands as seen by a user: exit codes, one line for bad input, one JSON object on stdout."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -169,6 +170,21 @@ def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tm
     assert saved == {"format": 1, **told}
     assert again["floor_dph"] == saved["floor_dph"]
     assert "Made from r with the isothermal run s" in (run / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    "words", ["diagnose RUN --model spline --check COPY", "diagnose RUN RUN --model spline",
+              "diagnose RUN --model spline --static RUN", "improve RUN --model spline --check RUN",
+              "compare RUN --check COPY", "compare RUN COPY --lot", "report RUN --check COPY", "noise RUN COPY"],
+)  # fmt: skip
+def test_a_recording_that_is_given_twice_judges_nothing(run_folder, tmp_path, words):
+    copy = shutil.copytree(run_folder, tmp_path / "copy")
+    before = sorted(path.name for path in run_folder.iterdir())
+    places = {"RUN": run_folder, "COPY": copy}
+    refused = bench(*(places.get(word, word) for word in words.split()))
+    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
+    assert "are the same recording: give each run once" in refused.stderr
+    assert sorted(path.name for path in run_folder.iterdir()) == before
 
 
 def test_check_predicts_every_segment_without_moving_anything(profile, tmp_path, monkeypatch):

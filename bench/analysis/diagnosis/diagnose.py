@@ -42,7 +42,7 @@ from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS, TIE
 from bench.base import FloatArray, InputError, number
-from bench.record import Dataset, refuse_mixed
+from bench.record import Dataset, refuse_mixed, refuse_twice
 
 _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
@@ -71,11 +71,14 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows. `surface` are
     two channels over which what is left is shown in cells. `workers` processes share the work, by default those of
     `crew.usual_workers`; the answer is the same for any number.
-    Raises InputError: no run, runs of several units, sisters without `static`, or the model cannot be fitted.
+    Raises InputError: no run, runs of several units, a run given twice, sisters without `static`, or the model cannot
+    be fitted.
     """
     if sisters and static is None:
         raise InputError(SISTERS_ALONE)
-    refuse_mixed((*runs, *check, *([] if static is None else [static])))
+    own = () if static is None else (static,)
+    refuse_mixed((*runs, *check, *own))
+    refuse_twice((*sisters, *own))
     with one_blas_thread():
         case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
         if surface:

@@ -38,6 +38,7 @@ from bench.record import (
     averaged,
     load,
     put,
+    refuse_twice,
     seconds_of,
     use,
 )
@@ -63,7 +64,7 @@ def analyse(  # noqa: PLR0913 - options of one command, by keyword
     With `check` runs of the same unit the held-out error is measured on them; an isothermal run `static` of it tells
     the noise, `sisters`, such runs of units like it, tell the diagnosis how it drifts. An aborted or empty run raises
     no error: the analysis says so. Raises InputError when the folder is not a run or one of the other runs cannot be
-    read, and for `sisters` without `static`.
+    read, for `sisters` without `static`, and where one recording is given twice.
     `diagnose` asks which effect the best model lacks, in some ten seconds. Writes compare.json, calibration.json and,
     with a diagnosis, diagnosis.json into the run folder; one that knew more runs is kept under another name.
     """
@@ -79,6 +80,8 @@ def analyse(  # noqa: PLR0913 - options of one command, by keyword
     still, fine = (None if calm is None else averaged(calm, s) for s in (interval_s, 1.0))
     others = tuple(_lacking((*check, *([] if static is None else [static]), *sisters)))
     seconds, data, reason, inertial = _means(run, interval_s)
+    refuse_twice((*kin, *([] if still is None else [still])))
+    refuse_twice(one for one in (data, *checks, still) if one is not None)
     done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))
     floor = Floor(reason=reason) if seconds is None else noise_floor([averaged(seconds, 1.0)], interval_s, fine)
     if data is None:
