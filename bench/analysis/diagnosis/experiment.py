@@ -207,8 +207,9 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     gaps = " to ".join(number(round(one.gap, 1), 2) for one in (before, after))
     chances = f"{before.probability:.0%} to {after.probability:.0%}"
     promise = (
-        "over what the runs leave open of sizes, time constants and noise, the expected gap of the two that are "
-        f"hardest to tell apart goes from {gaps}, and the probability of a decision from {chances}"
+        "if one of them alone is the cause, over what the runs leave open of sizes, time constants and noise, the "
+        f"expected gap of the two that are hardest to tell apart goes from {gaps}, and the probability of a decision "
+        f"from {chances}"
     )
     if often < _HOPELESS:
         why = (
