@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 
@@ -113,19 +113,14 @@ class FormulaSearch:
 
     def columns(self, formula: Formula, theta: Theta) -> FloatArray:
         """Columns (n, k), one for each amplitude, at the rows of the layout."""
-        given, value = iter(theta), np.ones(len(self._layout.problem.y))
-        other = None
-        for number, block in enumerate(formula.blocks):
-            own = tuple(next(given) for _ in block.bounds)
-            if number == 0 and formula.pair:
-                other = self._block(block.text.replace("sin(", "cos(", 1), block, own)
-                value = self._block(block.text, block, own)
-                continue
-            factor = self._block(block.text, block, own)
-            value = value * factor
-            other = None if other is None else other * factor
-        if other is not None:
-            return np.column_stack([value, other])
+        given = iter(theta)
+        own = [tuple(next(given) for _ in block.bounds) for block in formula.blocks]
+        factors = [self._block(block.text, block, each) for block, each in zip(formula.blocks, own, strict=True)]
+        value = reduce(np.multiply, factors)
+        if formula.pair:
+            first = formula.blocks[0]
+            cosine = self._block(first.text.replace("sin(", "cos(", 1), first, own[0])
+            return np.column_stack([value, reduce(np.multiply, factors[1:], cosine)])
         if formula.along is None:
             return value[:, None]
         moved = self._block(formula.along.text, formula.along, ())
