@@ -92,7 +92,7 @@ function App() {
   const route = match(ROUTES, place.path);
   const locked = who && !who.role && place.path !== "/login";
   useEffect(() => {
-    if (locked) navigate(`/login?next=${encodeURIComponent(place.path)}`, { replace: true });
+    if (locked) navigate(`/login?next=${encodeURIComponent(location.pathname + location.search)}`, { replace: true });
   }, [locked]);
   useEffect(() => {
     scrollTo(0, 0);
