@@ -118,8 +118,19 @@ def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
         page.goto(f"/verdict/{run}")
         page.locator(".fault details summary").click()
         until(lambda page=page: page.locator(".spinner").count() == 0)
+        until(lambda page=page: not re.search("engineer|from", page.locator(".fault").inner_text()))
         picture(page, f"languages-verdict-{pages.index(page)}", full_page=True)
         assert english(page) == []
+
+
+def test_a_page_that_cannot_be_fetched(page, visitors):
+    visitors.of(page).forgives = re.compile("ERR_FAILED")
+    page.goto("/")
+    page.locator("#serial").wait_for()
+    page.route(re.compile("/static/fleet-"), lambda route: route.abort())
+    page.locator("nav a[href='/fleet']").click()
+    page.get_by_role("alert").wait_for()
+    assert re.search(r"[a-z]{4}", page.get_by_role("alert").inner_text()) is None
 
 
 def test_what_the_server_refuses(page, visitors):

@@ -63,7 +63,7 @@ function Place({ route, place }) {
     PAGES[route.page]().then(({ default: page }) => {
       fetched[route.page] = page;
       redraw(route.page);
-    }, (error) => setMissing({ page: route.page, error }));
+    }, () => setMissing({ page: route.page, error: new Error(t("error.unreachable")) }));
   }, [route.page]);
   const doing = useStore(live, statesOf);
   useEffect(() => {

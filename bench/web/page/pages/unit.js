@@ -60,7 +60,7 @@ function Memory({ unit }) {
     ${!held && html`<p>${t("units.memory.none")}</p>`}
     ${held && html`<dl class="st-facts">
       <dt>${t("units.memory.id")}</dt><dd class="mono">${held.calibration_id}</dd>
-      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, ${held.operator ?? "–"}</dd>
+      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, <${Said} text=${held.operator ?? "–"} /></dd>
       <dt>${t("units.memory.of")}</dt><dd>${held.run ?? "–"}</dd>
       <dt>${t("units.memory.place")}</dt><dd>${t("units.memory.bank", { bank: held.bank, set: held.coefficient_set, words: held.words })}</dd>
       <dt>CRC</dt><dd class="mono">${held.crc}</dd>
@@ -98,7 +98,7 @@ function Runs({ unit }) {
       <td>${t(`units.kind.${run.kind}`)}</td>
       <td>${run.profile}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
-      <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide">${run.operator ?? "–"}</td>
+      <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
       <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;

@@ -146,11 +146,10 @@ function Judged({ result }) {
 /** What happened and what the bench did, from the run's events. */
 function Fault({ end }) {
   const steps = end.safe_state ?? [];
-  const who = /^aborted by (.+)$/.exec(end.cause ?? "")?.[1];
   const safe = end.safe === true ? "good" : end.safe === false ? "bad" : "warn";
   return html`<div class="fault">
     <section><h2>${t("fault.happened")}</h2>
-      ${who ? html`<p>${t("fault.aborted_by", { who })}</p>` : html`<p>${end.cause ? html`<${Said} text=${end.cause} />` : t("fault.unknown")}</p>`}</section>
+      <p>${end.cause ? html`<${Said} text=${end.cause} />` : t("fault.unknown")}</p></section>
     <section><h2>${t("fault.did")}</h2>
       <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
       ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings">
