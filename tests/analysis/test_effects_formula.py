@@ -96,6 +96,11 @@ def test_anything_but_a_formula_is_refused_in_one_line(formula, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_term_of_a_name_that_is_no_channel_is_told_from_a_constant():
+    with pytest.raises(InputError, match=r"'sin\(T / 4\)' follows no channel: 'T' is none \(temperature, dT_dt and"):
+        make("k*sin(T/4)", T=[1, 2])
+
+
 @pytest.mark.parametrize(
     ("formula", "message"),
     [

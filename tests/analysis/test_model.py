@@ -92,3 +92,16 @@ def test_keys_are_unique_and_needs_are_listed_once():
     assert model.keys == ("polynomial", "spline", "polynomial_2")
     assert model.needs == ("temperature",)
     assert model.adding(effects.make("regression")).name == "m + regression"
+
+
+def test_a_spline_takes_the_place_of_the_polynomial_that_it_contains():
+    lag = effects.make("thermal_lag")
+    stiff = Model("m", (effects.make("polynomial"), lag))
+    finer = stiff.adding(effects.make("spline", {"intervals": 12}))
+    assert [effect.name for effect in finer.effects] == ["thermal_lag", "spline"]
+    assert finer.name == "m, spline for polynomial"
+    assert [effect.name for effect in stiff.adding(effects.make("aging")).effects] == [
+        "polynomial",
+        "thermal_lag",
+        "aging",
+    ]

@@ -127,6 +127,15 @@ SAID = """() => {
 }"""
 
 
+COLOUR = """(one, name) => {
+  const probe = one.appendChild(document.createElement("i"));
+  probe.style.backgroundColor = `var(${name})`;
+  const colour = getComputedStyle(probe).backgroundColor;
+  probe.remove();
+  return colour;
+}"""
+
+
 def untranslated(said, language):
     """Texts that are a key, have a placeholder left, or are English though this language has another word."""
     english, own = map(catalogue, ("en", language))
@@ -173,16 +182,25 @@ def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
     pin = people.add_pin(access, "Olena", "operator")
     with serving(tmp_path / "out", "--access", str(access)) as address:
         page = visitors.come(address)
-        page.goto("/units")
+        page.goto("/units?q=GX-1")
         page.get_by_label("Token").wait_for()
         picture(page, "login")
         assert axe(page) == []
         page.get_by_label("Token").fill(token)
         page.keyboard.press("Enter")
         page.get_by_role("heading", name="Units").wait_for()
+        assert page.url.endswith("/units?q=GX-1"), "what was asked for is shown"
         assert page.get_by_role("link", name="Start").count() == 0
+        page.goto("/")
+        page.get_by_role("main").get_by_role("button", name="Operator").wait_for()
+        page.set_viewport_size(PHONE)
+        brand, tools = (page.locator(part).bounding_box() for part in (".brand", ".tools"))
+        assert brand["y"] + brand["height"] / 2 == pytest.approx(tools["y"] + tools["height"] / 2, abs=4), "one line"
+        page.set_viewport_size(DESKTOP)
         visitors.of(page).forgives = re.compile("status of 401")
-        page.get_by_role("button", name="Operator").click()
+        page.get_by_role("main").get_by_role("button", name="Operator").click()
+        enter = page.get_by_role("dialog").get_by_role("button", name="Sign in")
+        assert enter.evaluate("(one) => getComputedStyle(one).backgroundColor") == enter.evaluate(COLOUR, "--action")
         for typed in ("0000000", pin):
             page.get_by_label("PIN or badge").fill(typed)
             page.keyboard.press("Enter")

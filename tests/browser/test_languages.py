@@ -1,13 +1,15 @@
 """No sentence stays English on a Ukrainian or Chinese page, whoever wrote it: the page, the bench or its files."""
 
+import json
 import re
+from urllib.parse import urlencode
 
 import numpy as np
 import pytest
 
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.run_folders import make_run, ramp_run
-from tests.support.visiting import english, picture
+from tests.support.visiting import PATIENCE_MS, PHONE, english, picture
 from tests.support.waiting import until
 
 RUN = "GX-1/20261101T000000Z_ramp"
@@ -41,6 +43,27 @@ def test_a_diagnosis_with_a_formula(page, request):
     page.evaluate(OPEN)
     picture(page, f"languages-{request.node.name}", full_page=True)
     assert english(page) == []
+
+
+def test_a_curve_that_is_too_stiff_is_replaced_on_a_telephone(page, request):
+    page.set_viewport_size(PHONE)
+    model = {"name": "line", "effects": [{"effect": "polynomial", "order": 1}]}
+    page.goto(f"/workbench?{urlencode({'run': RUN, 'model': json.dumps(model)})}")
+    suspect = page.locator(".wb-suspect").filter(has=page.locator("h4[title='effect: spline']"))
+    suspect.get_by_role("button").last.wait_for(timeout=PATIENCE_MS)
+    page.locator(".wb-suspect button.wb-link").first.wait_for()
+    assert english(page) == []
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+    suspect.get_by_role("button").last.click()
+    page.locator(".wb-fell").wait_for()
+    assert page.locator(".wb-effects code").all_inner_texts() == ["spline"]
+
+
+def test_a_name_in_a_formula_is_shown_as_it_was_typed(page):
+    model = {"name": "m", "effects": [{"effect": "spline"}, {"effect": "expression", "formula": "a*lag(dT_dt, b)"}]}
+    model["effects"][1]["bounds"] = {"b": [10, 1000]}
+    page.goto(f"/workbench?{urlencode({'run': RUN, 'model': json.dumps(model)})}")
+    assert page.locator(".wb-parameter").inner_text().startswith("b ")
 
 
 def test_a_profile_that_cannot_run(page, request):
@@ -95,8 +118,19 @@ def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
         page.goto(f"/verdict/{run}")
         page.locator(".fault details summary").click()
         until(lambda page=page: page.locator(".spinner").count() == 0)
+        until(lambda page=page: not re.search("engineer|from", page.locator(".fault").inner_text()))
         picture(page, f"languages-verdict-{pages.index(page)}", full_page=True)
         assert english(page) == []
+
+
+def test_a_page_that_cannot_be_fetched(page, visitors):
+    visitors.of(page).forgives = re.compile("ERR_FAILED")
+    page.goto("/")
+    page.locator("#serial").wait_for()
+    page.route(re.compile("/static/fleet-"), lambda route: route.abort())
+    page.locator("nav a[href='/fleet']").click()
+    page.get_by_role("alert").wait_for()
+    assert re.search(r"[a-z]{4}", page.get_by_role("alert").inner_text()) is None
 
 
 def test_what_the_server_refuses(page, visitors):

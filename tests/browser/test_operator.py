@@ -332,10 +332,15 @@ def test_four_units_stand_side_by_side(bench, visitors):
         page.keyboard.type(serial)
         page.keyboard.press("Enter")
     page.get_by_role("button", name=re.compile("^Calibration, −40 to 85")).click()
+    serials, steps = page.locator(".neighbours input").last.bounding_box(), page.locator(".steps").bounding_box()
+    assert serials["x"] + serials["width"] < steps["x"] + steps["width"]
     page.get_by_role("button", name="START").click()
     page.wait_for_url("**/live/*/*")
     for serial in ("SIM-0001", "GX-0815", "SIM-0003", "SIM-0004"):
         page.get_by_text(serial).first.wait_for()
+    assert page.locator(".output .chart > header .legend svg").first.is_visible(), "a number is told by its line"
+    places = page.locator(".output").evaluate_all("(all) => all.map((one) => one.getBoundingClientRect().x)")
+    assert places[:2] == places[2:], "two beside two"
     if PICTURES:  # a curve is better to look at than its beginning
         page.get_by_text(re.compile("Segment [5-7] of")).first.wait_for(timeout=3 * PATIENCE_MS)
     picture(page, "live-four-dark")
@@ -386,3 +391,29 @@ def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(bench, visitors
     page.locator(".verdict-units li").nth(3).wait_for()
     told = page.locator(".verdict-units strong").all_inner_texts()
     assert [text.upper() for text in told] == ["MEASURED", "MEASURED", "PASS", "MEASURED"]
+
+
+def test_a_table_of_values_says_which_of_several_units_it_is_about(bench, visitors):
+    page = visitors.come(bench.site.address)
+    unit = {"verdict": "adequate", "sentence": "", "analysed": True}
+    units = [{**unit, "unit": f"Ж-{n}", "run": f"-{n}/run", "limits": ("PASS", "MARGINAL")[n]} for n in range(2)]
+    end = {"state": "done", "cause": "", "analysing": False, "units": units, "verdict": "adequate", "safe": True,
+           "safe_state": [], "requests": []}  # fmt: skip
+    run = {"run": "-0/run", "runs": ["-0/run", "-1/run"], "condition": "ended", "profile": "short", "ended": end}
+    peak = {"name": "residual_peak_dph", "value": 0.3, "low": 0.0, "high": None, "unit": "deg/h", "lower": None,
+            "upper": 2.5, "reason": "", "verdict": "MARGINAL"}  # fmt: skip
+    judged = {"limits": {"name": "short", "results": [peak]}, "steps": {}, "segments": [], "losses": {}}
+    page.route("**/api/v1/live/-0/run", lambda route: route.fulfill(json=run))
+    page.route("**/api/v1/runs/-1/run", lambda route: route.fulfill(json=judged))
+    page.goto("/verdict/-0/run")
+    table = page.get_by_role("table", name="Ж-1")
+    assert table.get_by_role("cell").first.inner_text().split() == ["0.3", "0", "…", "∞"], "why it is marginal"
+
+
+def test_a_serial_number_that_no_unit_can_have_is_refused_before_anything_is_chosen(bench, visitors):
+    page = visitors.come(bench.site.address)
+    page.goto("/")
+    page.get_by_label("Serial number").fill("9" * 65)
+    page.keyboard.press("Enter")
+    page.get_by_text("at most 64 characters").wait_for()
+    assert page.get_by_role("button", name="Slot of").count() == 0

@@ -63,6 +63,14 @@ def diagnosed(page):
     return page.locator(".wb-word").inner_text()
 
 
+def test_the_first_figure_is_asked_for_once(page):
+    asked = []
+    page.on("request", lambda request: asked.append(request.url) if request.method == "POST" else None)
+    choose(page)
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    assert sum(url.endswith("/figures") for url in asked) == 1
+
+
 def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(page):
     clicks = []
     page.expose_function("clicked", lambda: clicks.append(1))

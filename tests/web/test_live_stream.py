@@ -260,3 +260,16 @@ def test_the_page_knows_the_mean_of_a_point_and_that_of_half_a_minute():
     mean, slow = told("lib/trace.js", script, given)
     assert mean == given  # an older bench has no means: null
     assert (slow[4], slow[9], slow[39]) == (100.0, 100.0, pytest.approx(0.5))
+
+
+def test_a_page_that_was_open_before_the_first_point_tells_the_units_apart():
+    script = """
+    const trace = new page.Trace();
+    for (const increment of given) trace.take(increment);
+    console.log(JSON.stringify(["G-1", "G-2"].map((serial) => trace.mean[trace.place(serial)])));
+    """
+    trace, units = Trace(origin=1), [("G-1", 20.0, (1.0, 1.0, 1.0, 1)), ("G-2", 20.0, (2.0, 2.0, 2.0, 1))]
+    given = [trace.since()]
+    trace.add(0.0, (20.0, 20.0), units)
+    given.append(trace.since(0, given[0]["generation"]))
+    assert told("lib/trace.js", script, given) == [[1.0], [2.0]]

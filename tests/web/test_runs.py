@@ -14,6 +14,7 @@ import pytest
 from bench.acquisition.run.remote import LiveFile
 from bench.web.ground.problems import NotFoundError
 from bench.web.ground.settings import Settings
+from bench.web.live.story import verdicts
 from bench.web.shelf import indexing
 from bench.web.shelf.indexing import LOOK_S, SAVE_S, Index, ordered
 from tests.support import run_folders
@@ -70,6 +71,14 @@ def test_a_run_says_which_steps_to_the_certificate_are_done(tmp_path: Path) -> N
     run_folders.keep(origin, "certificate.json", {"number": "1", "draft": ["no laboratory"]})
     wanted = {"calibrated": True, "flashed": True, "verified": True, "certified": False}
     assert steps(origin) == steps(check) == wanted
+
+
+def test_a_run_is_of_the_unit_that_its_manifest_names(tmp_path: Path) -> None:
+    """The name of a folder has no letters of other alphabets; a link to such a unit would lead nowhere."""
+    folder = write(tmp_path, "GX---7/20261121T060000Z_ramp", unit="GX-Ж-7")
+    with served(Settings(out=tmp_path)) as client:
+        assert client.get(f"/api/v1/runs/GX---7/{folder.name}").json()["unit"] == "GX-Ж-7"
+    assert verdicts([folder])["units"][0]["unit"] == "GX-Ж-7"
 
 
 def test_ten_thousand_runs_are_read_once_and_then_answered_from_memory(

@@ -177,7 +177,11 @@ def spoken(module: str, call: str, given: Any, language: str = "zh") -> Any:
 
 
 def test_every_effect_that_may_be_missing_is_explained_in_the_readers_language() -> None:
-    summaries = {f"workbench.summary.{one.name}": one.summary for one in library_of_effects() if one.suspect}
+    summaries = {
+        f"workbench.summary.{one.name}": one.summary
+        for one in library_of_effects()
+        if one.suspect or one.name == "spline"
+    }
     english = catalogue("en")
     assert {key: text for key, text in english.items() if key.startswith("workbench.summary.")} == summaries
 

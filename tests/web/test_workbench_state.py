@@ -52,6 +52,14 @@ def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
     ]) == [["spline aging", 3], ["spline", 3], ["spline aging creep", 3], ["spline creep", 2]]  # fmt: skip
 
 
+def test_a_suspect_that_takes_the_place_of_a_term_brings_its_own_model() -> None:
+    model = {"name": "spline for line", "effects": [{"effect": "spline"}]}
+    action = {"type": "add", "effects": model["effects"], "model": model}
+    script = "console.log(JSON.stringify(page.change(page.stateOf(''), given).steps.at(-1)));"
+    step = told("pages/workbench/state.js", script, action)
+    assert (step["model"], step["label"]) == (model, "+ spline")
+
+
 @pytest.mark.parametrize(
     "model", ["nonsense", "[]", '{"name":"a"}', '{"name":"a","effects":[]}', '{"name":1,"effects":[{}]}']
 )

@@ -142,6 +142,10 @@ class Effect:
         taken = self.shared and any(other.shared == self.shared for other in others)
         return self.without_shared() if taken else self
 
+    def replaces(self, other: Effect) -> bool:
+        """Whether a model that gets this effect leaves the other one out, as no data could tell them apart."""
+        return False
+
     @property
     def shared(self) -> str:
         """Name of the term that other effects may have as well; empty where there is none."""

@@ -134,8 +134,14 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
             f"expression: '{ast.unparse(terms[''])}' has no amplitude; write k * ({ast.unparse(terms[''])})"
         )
     for name, factor in terms.items():
-        if not names_of(factor) & set(variables()):
-            raise InputError(f"expression: '{name}' multiplies no channel: that is the model's constant; leave it out")
+        if names_of(factor) & set(variables()):
+            continue
+        if others := sorted(names_of(factor) - {*FUNCTIONS, "pi"}):
+            raise InputError(
+                f"expression: '{ast.unparse(factor)}' follows no channel: '{others[0]}' is none "
+                "(temperature, dT_dt and time are)"
+            )
+        raise InputError(f"expression: '{name}' multiplies no channel: that is the model's constant; leave it out")
     used = names & set(variables())
     needs = tuple(n for n in CHANNELS if n in used - {"time"} or (n == "temperature" and used & {"dT_dt", "direction"}))
     ordered = tuple(dict.fromkeys(name for name in _WORD.findall(text) if name in bounded))

@@ -59,9 +59,12 @@ class Model:
         return tuple(dict.fromkeys(channel for effect in self.effects for channel in effect.needs))
 
     def adding(self, effect: Effect, name: str | None = None) -> Model:
-        """The model with one more effect, without the terms that both have."""
+        """The model with one more effect, without the terms that both have and those that it replaces."""
         more = effect.beside(self.effects)
-        return replace(self, name=name or f"{self.name} + {effect.name}", effects=(*self.effects, more))
+        gone = [other.name for other in self.effects if more.replaces(other)]
+        called = f"{self.name}, {more.name} for {gone[0]}" if gone else f"{self.name} + {more.name}"
+        kept = tuple(other for other in self.effects if other.name not in gone)
+        return replace(self, name=name or called, effects=(*kept, more))
 
     def to_yaml(self) -> str:
         """The file's text; `load_model` reads it back to an equal model."""

@@ -55,6 +55,10 @@ class Spline(StaticEffect):
     interpolating: bool = field(default=False, repr=False, metadata={"fitted": True})
     """Whether the rows are means at the knots, one each."""
 
+    def replaces(self, other: Effect) -> bool:
+        """A straight line lies in every spline."""
+        return other.name == "polynomial"
+
     def __post_init__(self) -> None:
         if self.intervals != "auto":
             check_whole(self.name, "intervals", self.intervals, 1, 200)

@@ -35,6 +35,12 @@ def sound(kind: type[R], folder: Path, damaged: list[str] | None = None) -> R | 
         return None
 
 
+def serial_of(folder: Path) -> str:
+    """Serial number of the unit of a run, with the characters that the folder's name cannot have."""
+    manifest = sound(Manifest, folder)
+    return manifest.unit if manifest else folder.parent.name
+
+
 def ending(run: LiveRun) -> dict[str, Any] | None:
     """The end of a run; None while its process has not written it."""
     events = ending_of(run, 0.0)
@@ -139,7 +145,7 @@ def _rank(unit: Mapping[str, Any]) -> int:
 def _verdict(folder: Path) -> dict[str, Any]:
     calibration, limits = sound(CalibrationRecord, folder), sound(LimitsRecord, folder)
     return {
-        "unit": folder.parent.name,
+        "unit": serial_of(folder),
         "run": f"{folder.parent.name}/{folder.name}",
         "verdict": calibration.verdict.verdict if calibration else None,
         "sentence": calibration.verdict.sentence if calibration else "",

@@ -63,7 +63,7 @@ function Place({ route, place }) {
     PAGES[route.page]().then(({ default: page }) => {
       fetched[route.page] = page;
       redraw(route.page);
-    }, (error) => setMissing({ page: route.page, error }));
+    }, () => setMissing({ page: route.page, error: new Error(t("error.unreachable")) }));
   }, [route.page]);
   const doing = useStore(live, statesOf);
   useEffect(() => {
@@ -92,7 +92,7 @@ function App() {
   const route = match(ROUTES, place.path);
   const locked = who && !who.role && place.path !== "/login";
   useEffect(() => {
-    if (locked) navigate(`/login?next=${encodeURIComponent(place.path)}`, { replace: true });
+    if (locked) navigate(`/login?next=${encodeURIComponent(location.pathname + location.search)}`, { replace: true });
   }, [locked]);
   useEffect(() => {
     scrollTo(0, 0);

@@ -129,7 +129,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,
-        unit=entry.unit,
+        unit=manifest.unit if manifest else entry.unit,
         state=entry.state,
         verdict=entry.verdict,
         sentence=own.verdict.sentence if own else "",

@@ -54,7 +54,7 @@ function Language() {
 }
 
 /** The operator of a screen that is signed in: named by a PIN or a badge, for a while; then the screen is as before. */
-function Operator({ who }) {
+export function Operator({ who }) {
   const [asked, setAsked] = useState(false);
   const [error, setError] = useState(null);
   const field = useRef(null);
@@ -81,7 +81,7 @@ function Operator({ who }) {
     setError(null);
     setAsked(true);
   }}>${t("pin.ask")}</button>
-    ${asked && html`<${Dialog} label=${t("pin.title")} onClose=${() => setAsked(false)}><form class="stack" onSubmit=${enter}><h2>${t("pin.title")}</h2>
+    ${asked && html`<${Dialog} label=${t("pin.title")} onClose=${() => setAsked(false)}><form class="stack pin" onSubmit=${enter}><h2>${t("pin.title")}</h2>
       <label for="pin">${t("pin.field")}</label><input id="pin" ref=${field} type="password" inputmode="numeric" autocomplete="off" maxlength="40" required autofocus />
       <${Trouble} error=${error} />
       <div class="dialog-row"><button type="button" onClick=${() => setAsked(false)}>${t("pin.back")}</button><button type="submit" class="primary">${t("login.enter")}</button></div></form><//>`}`;

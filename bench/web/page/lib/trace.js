@@ -40,11 +40,10 @@ export class Trace {
       if (from !== 0) return false;
       this.clear();
       this.generation = generation;
-      this.serials = serials ?? this.serials;
-      for (const column of [this.degc, this.low, this.high, this.mean, this.slow]) column.push(...(points[0]?.[3] ?? this.serials).map(() => []));
     }
     if (from > this.next) return false;
-    Object.assign(this, { every_s, count: Math.max(count ?? next, next), open: open ?? null, version: this.version + 1 });
+    // Without a point the bench does not know its units yet.
+    Object.assign(this, { every_s, serials: serials ?? this.serials, count: Math.max(count ?? next, next), open: open ?? null, version: this.version + 1 });
     for (const point of points.slice(this.next - from)) this.add(point);
     this.next = Math.max(this.next, next);
     return true;
@@ -75,8 +74,8 @@ export class Trace {
     return count ? sum / count : null;
   }
 
-  /** Index of a unit in the columns; 0 when the trace does not name its units. */
+  /** Index of a unit in the columns, −1 without one; 0 when the trace does not name its units. */
   place(serial) {
-    return Math.max(0, this.serials.indexOf(serial));
+    return this.serials.length ? this.serials.indexOf(serial) : 0;
   }
 }

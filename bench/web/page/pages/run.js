@@ -145,7 +145,8 @@ function InTheUnit({ path, run }) {
 export default function Run({ params }) {
   const path = url`/runs/${params.unit}/${params.run}`;
   const { data: run, error, again } = useGet(path);
-  const head = html`<p class="small"><a href=${`/units/${encodeURIComponent(params.unit)}`}>← ${params.unit}</a></p>`;
+  const unit = run?.unit ?? params.unit;
+  const head = html`<p class="small"><a href=${`/units/${encodeURIComponent(unit)}`}>← ${unit}</a></p>`;
   if (error?.status === 404) return html`<div class="page stack">${head}<${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
   if (!run) return html`<div class="page stack">${head}${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   const { manifest } = run;

@@ -1,9 +1,10 @@
 // The operator's start page: asks for unit, plan and confirmation, one question at a time.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { get } from "../lib/api.js";
+import { Operator } from "../lib/bar.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Shape, Trouble } from "../lib/parts.js";
-import { may, remembered, store, useStore } from "../lib/store.js";
+import { may, remembered, session, store, useStore } from "../lib/store.js";
 import { inSlot, serialOf, slotOf } from "../lib/units.js";
 import { t } from "../lib/words.js";
 import { PlanQuestion, planTitle } from "./start/plan.js";
@@ -49,13 +50,14 @@ function asked({ unit, station, plan, calibration }, { plans, calibrations, stat
 export default function Start({ query }) {
   const choices = useChoices();
   const now = useStore(order);
+  const who = useStore(session);
   const heading = useRef(null);
   const step = question(now);
   useEffect(() => {
     if (choices.plans && (query.unit || query.plan || query.calibration)) order.set(asked(query, choices));
   }, [choices.plans]);
   useEffect(() => heading.current?.focus(), [step]);
-  if (!may("operator")) return html`<div class="page"><div class="notice warn"><p>${t("start.not_allowed")}</p></div></div>`;
+  if (!may("operator")) return html`<div class="page"><div class="notice warn"><p>${t("start.not_allowed")}</p>${who.pins && html`<p><${Operator} who=${who} /></p>`}</div></div>`;
   if (choices.error) return html`<div class="page"><${Trouble} error=${choices.error} retry=${choices.load} /></div>`;
   if (!choices.plans) return html`<div class="page"><${Busy} /></div>`;
   const answer = (more) => order.set({ ...now, ...more });

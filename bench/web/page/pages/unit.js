@@ -2,6 +2,7 @@
 import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
+import { Said } from "../lib/said.js";
 import { duration, moment, number, quantityWord, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
@@ -55,11 +56,11 @@ function Memory({ unit }) {
   const held = unit.memory;
   const failed = unit.writes[0]?.state === "failed" ? unit.writes[0] : null;
   return html`<section class="panel stack" aria-labelledby="memory"><h2 id="memory">${t("units.memory")}</h2>
-    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })} ${failed.error}</p></div>`}
+    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })} <${Said} text=${failed.error} /></p></div>`}
     ${!held && html`<p>${t("units.memory.none")}</p>`}
     ${held && html`<dl class="st-facts">
       <dt>${t("units.memory.id")}</dt><dd class="mono">${held.calibration_id}</dd>
-      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, ${held.operator ?? "–"}</dd>
+      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, <${Said} text=${held.operator ?? "–"} /></dd>
       <dt>${t("units.memory.of")}</dt><dd>${held.run ?? "–"}</dd>
       <dt>${t("units.memory.place")}</dt><dd>${t("units.memory.bank", { bank: held.bank, set: held.coefficient_set, words: held.words })}</dd>
       <dt>CRC</dt><dd class="mono">${held.crc}</dd>
@@ -96,8 +97,8 @@ function Runs({ unit }) {
       <th scope="row">${moment(run.created)}</th>
       <td>${t(`units.kind.${run.kind}`)}</td>
       <td>${run.profile}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
-      <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft">${run.cause}</div>`}</td>
-      <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide">${run.operator ?? "–"}</td>
+      <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
+      <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
       <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;

@@ -50,7 +50,8 @@ export default function Verdict({ params }) {
   const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
-  const answer = useJudged(units[words.indexOf(word)]);
+  const shown = units[words.indexOf(word)];
+  const answer = useJudged(shown);
   if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
   if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
@@ -61,7 +62,7 @@ export default function Verdict({ params }) {
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}</p>
       <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
-      ${answer?.limits && html`<${Reasons} limits=${answer.limits} />`}
+      ${answer?.limits && html`<${Reasons} limits=${answer.limits} of=${units.length > 1 && shown.unit} />`}
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
@@ -121,23 +122,23 @@ function Achieved({ run }) {
   </ul>`;
 }
 
-/** Refusals, and every quantity beside its limits with what is left to the nearest of them. */
-function Reasons({ limits }) {
+/** Refusals, and every quantity beside its limits with what is left to the nearest of them; `of`: whose, where there are several units. */
+function Reasons({ limits, of }) {
   const head = ["quantity", "value", "limits", "margin", "unit", "verdict"];
   return html`<div class="verdict-reasons">
     ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
       <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span><${Said} text=${text} /></span></li>`)}</ul>`}
-    <div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table><thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
+    <div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
       <tbody>${(limits.results ?? []).map((result) => html`<${Judged} key=${result.name} result=${result} />`)}</tbody></table></div>
   </div>`;
 }
 
 function Judged({ result }) {
-  const { name, value, unit, lower, upper, reason, verdict } = result;
+  const { name, value, low, high, unit, lower, upper, reason, verdict } = result;
   const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
   const sides = [lower !== null && `≥ ${number(lower)}`, upper !== null && `≤ ${number(upper)}`].filter(Boolean).join(", ");
   return html`<tr><th scope="row">${quantityWord(name)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
-    <td class="n figures">${number(value)}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
+    <td class="n figures">${number(value)}${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : number(low)} … ${high === null ? "∞" : number(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
     <td>${symbols(unit)}</td>
     <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
 }
@@ -145,11 +146,10 @@ function Judged({ result }) {
 /** What happened and what the bench did, from the run's events. */
 function Fault({ end }) {
   const steps = end.safe_state ?? [];
-  const who = /^aborted by (.+)$/.exec(end.cause ?? "")?.[1];
   const safe = end.safe === true ? "good" : end.safe === false ? "bad" : "warn";
   return html`<div class="fault">
     <section><h2>${t("fault.happened")}</h2>
-      ${who ? html`<p>${t("fault.aborted_by", { who })}</p>` : html`<p>${end.cause ? html`<${Said} text=${end.cause} />` : t("fault.unknown")}</p>`}</section>
+      <p>${end.cause ? html`<${Said} text=${end.cause} />` : t("fault.unknown")}</p></section>
     <section><h2>${t("fault.did")}</h2>
       <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
       ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings">

@@ -5,6 +5,9 @@ import { inSlot } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 import { SlotsForm } from "./slots.js";
 
+/** Characters that a serial number may have. */
+const LONGEST = 64;
+
 const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
 
 /** Stations that have this unit, with its serial number as written there. */
@@ -17,19 +20,23 @@ export const whereIs = (stations, serial) =>
 export function UnitQuestion({ stations, last, answer }) {
   const [asked, setAsked] = useState(null);
   const [wrong, setWrong] = useState("");
+  const [long, setLong] = useState(false);
   const [filling, setFilling] = useState(null);
   const sound = stations.filter((station) => !station.problem);
   const take = (serial) => {
+    setLong(serial.trim().length > LONGEST);
+    if (serial.trim().length > LONGEST) return setWrong("");
     const places = whereIs(sound, serial);
     const place = places.length === 1 ? places[0] : null;
     setWrong(places.length ? "" : serial.trim());
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
+    return undefined;
   };
   if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
-    <div aria-live="assertive">${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
+    <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
     ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
     <div class="stations" hidden=${Boolean(wrong)}>
       ${sound.map((station) => html`<section key=${station.id} class="station" aria-label=${station.title}>
@@ -66,7 +73,7 @@ function SerialField({ take }) {
   return html`<form class="serial" onSubmit=${submit}>
     <label for="serial">${t("start.serial")}</label>
     <div class="serial-row">
-      <input id="serial" ref=${field} name="serial" autocomplete="off" autocapitalize="characters" spellcheck="false" maxlength="80" aria-describedby="scan" />
+      <input id="serial" ref=${field} name="serial" autocomplete="off" autocapitalize="characters" spellcheck="false" aria-describedby="scan" />
       <button type="submit" class="primary">${t("start.next")}</button>
     </div>
     <p id="scan" class="soft">${t("start.scan")}</p>

@@ -110,7 +110,7 @@ function Bench({ session, models }) {
   useEffect(() => analysis.failed && show(standing), [analysis.failed]);
   const picked = pictureOf(found, session.picture);
   const add = (missing) => {
-    act({ type: "add", effects: missing.add });
+    act({ type: "add", effects: missing.add, model: missing.model });
     show(standing);
   };
   const pick = (picture) => {

@@ -84,8 +84,9 @@ function Notebook({ runs, steps, model }) {
 
 /** Nonlinear parameters of one effect of the fit. */
 function Found({ fitted, effect }) {
+  const word = effect === "expression" ? String : parameterWord; // names that people chose
   const own = (fitted?.parameters ?? []).filter(({ key }) => key.split(".")[0].replace(/_\d+$/, "") === effect);
-  return own.map((one) => html`<span key=${one.key} class="wb-parameter"><span title=${one.key.split(".")[1]}>${parameterWord(one.key.split(".")[1])}</span> ${measured(one)}${
+  return own.map((one) => html`<span key=${one.key} class="wb-parameter"><span title=${one.key.split(".")[1]}>${word(one.key.split(".")[1])}</span> ${measured(one)}${
     one.at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</span>`);
 }
 

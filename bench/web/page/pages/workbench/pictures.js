@@ -147,8 +147,11 @@ export function Pictures({ session, picked, once }) {
   // The same figure keeps its zoom while finer data arrive and while the model changes.
   const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, over, runs]);
   const bodyOf = (fitted) => ({ kind, ...runs, of: every ? null : of, every, over, model: fitted, ...spanOf(heeded), width: pointsFor(frame.current) });
-  const job = useJob("/figures", picked ? null : bodyOf(kind === "loop" && !left ? null : model));
-  const ghost = useJob("/figures", !picked && before && !every && RESIDUALS.includes(kind) && (left || kind !== "loop") ? bodyOf(before) : null).result;
+  // Its width is known when it stands there; what is asked before would be asked again.
+  const [stands, setStands] = useState(false);
+  useLayoutEffect(() => setStands(true), []);
+  const job = useJob("/figures", picked || !stands ? null : bodyOf(kind === "loop" && !left ? null : model));
+  const ghost = useJob("/figures", !picked && stands && before && !every && RESIDUALS.includes(kind) && (left || kind !== "loop") ? bodyOf(before) : null).result;
   const last = useRef({ what: null, zoom: "", answer: null });
   // A range that the figure has not told is one of the address: of a link, back or forward.
   const keep = last.current.what === what && (zoom === last.current.zoom || zoom === told.current);

@@ -74,7 +74,7 @@ export function useJob(path, body) {
     let active = true;
     ask(path, body).then(
       (result) => active && setState({ key, result, failed: "" }),
-      (error) => active && setState({ key, result: null, failed: error.message || String(error) }),
+      (error) => active && setState((before) => ({ ...before, key, failed: error.message || String(error) })),
     );
     return () => { active = false; };
   }, [key]);

@@ -30,7 +30,7 @@ export function change(state, action) {
       return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
         `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
     case "add":
-      return grown({ ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
+      return grown(action.model ?? { ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
         action.effects.map(({ effect }) => `+ ${effectWord(effect)}`).join(" "));
     case "remove": {
       const left = model.effects.filter((_, i) => i !== action.index);
