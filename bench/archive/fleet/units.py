@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache, cached_property
+from sys import intern
 from typing import overload
 
 import numpy as np
@@ -128,7 +129,12 @@ class Runs(Sequence[Calibrated]):
     @cached_property
     def time_s(self) -> FloatArray:
         """Time of each (n,) [s]."""
-        return np.array([_time_s(created) for created in self.column("created")])
+        created = self.column("created")
+        try:
+            zoned = pa.array(created, pa.string()).cast(pa.timestamp("us", "UTC")).cast(pa.int64())
+        except pa.ArrowInvalid:  # a time without a zone is local time
+            return np.array([_time_s(one) for one in created])
+        return np.asarray(zoned.to_numpy() / 1e6, dtype=np.float64)
 
 
 _OF_CALIBRATED = ("id", "unit", "lot", "station", "created", "judged", "limits")
@@ -218,8 +224,8 @@ def _columns(registry: Registry, among: Sequence[ColumnElement[bool]]) -> dict[s
             for name, column, more in zip(names, read, zip(*some, strict=True), strict=True):
                 column.extend(more if name in _UNIQUE else map(known.setdefault, more, more))
     columns = dict(zip(names, (np.array(column, dtype=object) for column in read), strict=True))
-    lots = map(lot_of, columns["unit"], columns["lot"])
-    columns["lot"] = np.array([known.setdefault(lot, lot) for lot in lots], dtype=object)
+    pairs = zip(columns["unit"], columns["lot"], strict=True)
+    columns["lot"] = np.array([lot or intern(lot_of(unit, None)) for unit, lot in pairs], dtype=object)
     columns["station"] = np.array([station or UNKNOWN for station in columns["station"]], dtype=object)
     return columns
 
