@@ -76,8 +76,8 @@ def gauge(
     from bench.commands.registering import existing
 
     with existing(out, where) as registry:
-        runs, units, left_out = archive.selected(registry, pattern, archive.Selection(profile))
-    runs = [run for run in runs if quantity in run.values]
+        every, units, left_out = archive.selected(registry, pattern, archive.Selection(profile))
+    runs = [run for run in every if quantity in run.values]
     if not runs:
         raise InputError(f"no run has the quantity '{quantity}'{nearest_or_all(quantity, sorted(units))}", out)
     tolerance = None

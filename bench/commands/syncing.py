@@ -57,7 +57,10 @@ def sync_fetch(
     ledger = archive.archive(out)
     done = archive.fetch(centre, ledger, runs, large=large, replace=replace, tell=_tell)
     with open_in(out, where) as registry:
-        new = [record.RunFolder(folder) for folder in done.folders if (folder / record.MANIFEST).is_file()]
+        # A fetch that was killed has left folders that no later one brings again.
+        late = ledger.seen().keys() - archive.known_runs(registry, ledger.id)[1]
+        folders = sorted({*done.folders, *(ledger.root / path for path in late)})
+        new = [record.RunFolder(folder) for folder in folders if (folder / record.MANIFEST).is_file()]
         done.damaged += archive.register_all(registry, new, ledger)
     return RunsFetched(centre.url, out, done)
 

@@ -278,6 +278,17 @@ def test_runs_of_several_benches_are_in_the_order_of_their_days(tmp_path):
         assert [run["created"][:10] for run in runs(registry)] == ["2026-11-03", "2026-11-01"]
 
 
+def test_runs_of_a_fetch_that_was_killed_come_into_the_registry_with_the_next_one(tmp_path):
+    centre, here = centre_at(tmp_path), tmp_path / "here"
+    send(centre, bench_of(tmp_path / "a", "U-1", "U-2"))
+    assert len(fetch(centre, archive(here)).folders) == 2  # killed before they were registered
+    sync_fetch(centre.url, (), here)
+    from bench.archive import runs
+
+    with open_registry(here / "registry.sqlite") as registry:
+        assert [run["unit"] for run in runs(registry)] == ["U-1", "U-2"]
+
+
 def test_what_was_written_into_a_fetched_folder_stays_until_somebody_says_otherwise(tmp_path):
     ledger, centre, here = bench_of(tmp_path / "a", "U-1"), centre_at(tmp_path), archive(tmp_path / "here")
     send(centre, ledger)

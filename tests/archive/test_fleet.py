@@ -5,14 +5,18 @@ import json
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import sparse, stats
 
 from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
 from bench.archive.fleet.drift import drifts as drifts_of
-from bench.archive.fleet.groups import coded, medians
+from bench.archive.fleet.groups import coded, median, medians
+from bench.archive.fleet.mixed import Columns
+from bench.archive.fleet.statistics import statistics
+from bench.archive.fleet.units import Runs, fleet_of
 from bench.archive.fleet.unlike import unlike
+from bench.archive.registry.opening import FILE, open_registry
 from tests.support.commands import bench
 from tests.support.fleet_runs import LIMITS, line, station
 from tests.support.run_folders import keep
@@ -260,6 +264,14 @@ def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
     assert 'src="http' not in html
 
 
+def test_a_fleet_is_counted_without_an_object_for_each_unit(made, monkeypatch):
+    asked = []
+    monkeypatch.setattr(Runs, "__getitem__", lambda self, place: asked.append(place))
+    with open_registry(made[0] / FILE) as registry:
+        assert {one.values.size for one in statistics(fleet_of(registry)).measured} == {201}
+    assert asked == []
+
+
 def test_a_unit_outside_its_limits_is_exit_code_one_and_a_filter_leaves_it_out(made, tmp_path):
     root = made[0]
     strict = tmp_path / "strict.yaml"
@@ -324,3 +336,25 @@ def test_names_are_numbered_and_medians_taken_as_numpy_does():
     assert (list(known), code.tolist()) == (there.tolist(), place.tolist())
     wanted = [np.median(values[place == number]) for number in range(len(there))]
     assert medians(values, code).tolist() == wanted
+    assert [median(values[:count]) for count in (1, 2, 7, 200)] == [
+        np.median(values[:count]) for count in (1, 2, 7, 200)
+    ]
+    rows = np.array([5, 3, 3, 150])
+    some, own = coded(names).at(rows)
+    assert ([some[one] for one in own], len(some)) == ([names[row] for row in rows], len({names[row] for row in rows}))
+
+
+def test_columns_of_few_entries_are_those_of_a_sparse_matrix():
+    random = np.random.default_rng(4)
+    place = np.column_stack([random.integers(0, 3, 50), random.integers(3, 6, 50), np.full(50, 6)])
+    columns, y, group = (
+        Columns(place, random.normal(size=(50, 3)), 7),
+        random.normal(size=50),
+        random.integers(0, 4, 50),
+    )
+    whole = sparse.csr_array((columns.value.ravel(), (np.repeat(np.arange(50), 3), place.ravel())), shape=(50, 7))
+    assert np.array_equal(columns.gram(), (whole.T @ whole).todense())
+    assert np.array_equal(columns.product(y), whole.T @ y)
+    of_groups = sparse.csr_array((np.ones(50), (group, np.arange(50))), shape=(4, 50))
+    assert np.array_equal(columns.sums(group, 4), (of_groups @ whole).todense())
+    assert np.array_equal(columns.at(y > 0.0).gram(), (whole[y > 0.0].T @ whole[y > 0.0]).todense())

@@ -7,7 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from sqlalchemy import Engine, event
 
+from bench.archive.registry.asking import show
+from bench.archive.registry.ledger import archive
+from bench.archive.registry.opening import FILE, open_registry
 from bench.cli import rendering
 from bench.cli.options import Registered
 from bench.commands import Asked, register_runs
@@ -38,6 +42,27 @@ def test_a_registry_is_made_from_run_folders_listed_and_shown(reports):
     for name in ("U-1/r1", reports / "U-1" / "r1", listed[1]["id"]):
         assert answer("registry", "show", name, "--out", reports)["run"]["unit"] == "U-1"
     assert "U-2" in bench("registry", "list", "--out", reports).output
+
+
+def test_a_run_is_found_by_its_path_without_a_look_at_every_run(reports):
+    answer("registry", "rebuild", "--out", reports)
+    told = []
+
+    def hear(_connection, _cursor, statement, parameters, *_):
+        told.append((statement, parameters))
+
+    with open_registry(reports / FILE) as registry, registry.reading() as connection:
+        event.listen(Engine, "before_cursor_execute", hear)
+        try:
+            for name in ("U-1/r1", f"{archive(reports).id}/U-1/r1", "/mnt/line/U-1/r1"):
+                assert show(registry, name)["run"]["unit"] == "U-1"
+        finally:
+            event.remove(Engine, "before_cursor_execute", hear)
+        plans = [connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {asked}", given).all() for asked, given in told
+                 if asked.startswith("SELECT")]  # fmt: skip
+        steps = [step[3] for plan in plans for step in plan]
+    assert steps
+    assert not [step for step in steps if step.startswith("SCAN runs")]
 
 
 def test_a_comparison_changes_nothing_and_fails_where_rows_differ(reports):

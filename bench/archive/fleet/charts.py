@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.base import BoolArray, FloatArray
+from bench.base import BoolArray, FloatArray, IntArray
 
 D2, D4 = 1.128, 3.267
 """Mean of the range of two normal values over sigma; upper limit of a moving range over its mean."""
@@ -67,20 +67,26 @@ def chart(values: FloatArray) -> Chart | None:
     return Chart(values, centre, sigma, D4 * mean_range, signals((values - centre) / sigma))
 
 
+def _count(flags: BoolArray, window: int) -> IntArray:
+    """True flags in the window that ends at each."""
+    total: IntArray = np.cumsum(flags, dtype=np.int64)
+    total[window:] -= total[:-window].copy()
+    return total
+
+
 def _within(z: FloatArray, window: int, count: int, sigmas: float) -> BoolArray:
     """At each end of a window: at least `count` beyond `sigmas` on one side, the last value among them."""
     out = np.zeros(z.size, dtype=bool)
     for side in (1.0, -1.0):
-        beyond = (side * z > sigmas).astype(np.int64)
-        total = np.convolve(beyond, np.ones(window, np.int64))[: z.size]
-        out |= (total >= count) & (beyond == 1) & (np.arange(z.size) >= window - 1)
+        beyond = side * z > sigmas
+        total = _count(beyond, window)
+        out |= (total >= count) & beyond & (np.arange(z.size) >= window - 1)
     return out
 
 
 def _all(flags: BoolArray, length: int) -> BoolArray:
     """At each end of `length` true flags in a row."""
-    total = np.convolve(flags.astype(np.int64), np.ones(length, np.int64))[: flags.size]
-    whole: BoolArray = total == length
+    whole: BoolArray = _count(flags, length) == length
     return whole
 
 

@@ -15,10 +15,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
-from bench.archive.fleet.groups import coded, medians
-from bench.archive.fleet.mixed import Mixed, Tested
+from bench.archive.fleet.groups import Coded, coded, median, medians
+from bench.archive.fleet.mixed import Columns, Mixed, Tested
 from bench.base import BoolArray, FloatArray, IntArray
 
 SIGNIFICANT = 0.01
@@ -74,8 +73,8 @@ class Levelled:
         cls,
         values: FloatArray,
         time_s: FloatArray,
-        stations: Sequence[str],
-        lots: Sequence[str],
+        stations: Sequence[str] | Coded,
+        lots: Sequence[str] | Coded,
         rows: IntArray | None = None,
     ) -> Levelled | None:
         """None where there are too few values."""
@@ -89,16 +88,11 @@ class Levelled:
         when = (np.bincount(lot[near], t[near], len(lot_names)) / sizes)[lot]
         when -= when[near].mean()
         own = np.bincount(station[near], t[near], len(names)) / np.maximum(many, 1)
-        rows_of, count = np.arange(values.size), len(names)
-        columns = scipy.sparse.csr_array(
-            (
-                np.concatenate([np.ones(values.size), t - own[station], when]),
-                (np.tile(rows_of, 3), np.concatenate([station, count + station, np.full(values.size, 2 * count)])),
-            ),
-            shape=(values.size, 2 * count + 1),
-        )
-        solved = Mixed.of(columns[near], values[near], lot[near])
-        found = rows_of if rows is None else rows
+        count = len(names)
+        place = np.column_stack([station, count + station, np.full(values.size, 2 * count)])
+        columns = Columns(place, np.column_stack([np.ones(values.size), t - own[station], when]), 2 * count + 1)
+        solved = Mixed.of(columns.at(near), values[near], lot[near])
+        found = np.arange(values.size) if rows is None else rows
         return cls(solved, values, station, lot, names, lot_names, time_s, near, found)
 
     def in_order(self, place: int) -> IntArray:
@@ -192,6 +186,6 @@ def corrected(found: Sequence[Drift]) -> list[Drift]:
 
 def _near(values: FloatArray, lot: IntArray) -> BoolArray:
     centre = medians(values, lot)[lot]
-    spread = 1.4826 * float(np.median(np.abs(values - centre)))
+    spread = 1.4826 * median(np.abs(values - centre))
     near: BoolArray = np.abs(values - centre) <= _FAR * spread if spread > 0 else np.ones(values.size, dtype=bool)
     return near

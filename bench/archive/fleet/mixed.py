@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
 
-from bench.base import FloatArray, IntArray
+from bench.base import BoolArray, FloatArray, IntArray
 
 Tested = tuple[float, float, float]
 """Value, standard error, p."""
@@ -34,17 +34,50 @@ class _Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class Mixed:
-    """The fit to values y (n,) with sparse columns (n, p) and the group of each row (n,)."""
+class Columns:
+    """A matrix (n, p) of few entries a row, as many in each: their columns (n, k) and values (n, k)."""
 
-    columns: Any
+    place: IntArray
+    value: FloatArray
+    count: int
+
+    def at(self, rows: BoolArray) -> Columns:
+        """Some rows."""
+        return Columns(self.place[rows], self.value[rows], self.count)
+
+    def sums(self, group: IntArray, groups: int) -> FloatArray:
+        """Sum of the rows of each group (groups, p)."""
+        at = group[:, None] * self.count + self.place
+        found = np.bincount(at.ravel(), self.value.ravel(), groups * self.count)
+        return np.asarray(found, dtype=np.float64).reshape(groups, self.count)
+
+    def product(self, y: FloatArray) -> FloatArray:
+        """X'y (p,)."""
+        found = np.bincount(self.place.ravel(), (self.value * y[:, None]).ravel(), self.count)
+        return np.asarray(found, dtype=np.float64)
+
+    def gram(self) -> FloatArray:
+        """X'X (p, p)."""
+        found = np.zeros(self.count**2)
+        entries = range(self.place.shape[1])
+        for one, other in itertools.product(entries, entries):
+            at = self.place[:, one] * self.count + self.place[:, other]
+            found += np.bincount(at, self.value[:, one] * self.value[:, other], found.size)
+        return found.reshape(self.count, self.count)
+
+
+@dataclass(frozen=True, eq=False)
+class Mixed:
+    """The fit to values y (n,) with columns (n, p) and the group of each row (n,)."""
+
+    columns: Columns
     y: FloatArray
     lot: IntArray
     ratio: float
     """Variance between groups over that within."""
 
     @classmethod
-    def of(cls, columns: Any, y: FloatArray, lot: IntArray) -> Mixed:
+    def of(cls, columns: Columns, y: FloatArray, lot: IntArray) -> Mixed:
         """The fit of the most likely ratio."""
         start = cls(columns, y, lot, 0.0)
         size = y.size / start._sizes.size
@@ -61,13 +94,11 @@ class Mixed:
     @cached_property
     def _sums(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """X'X (p, p), X'y (p,), sums by group of X (groups, p) and y (groups,), and the columns' scale (p,)."""
-        rows = np.arange(self.y.size)
-        groups = scipy.sparse.csr_array((np.ones(rows.size), (self.lot, rows)), shape=(self._sizes.size, rows.size))
-        gram: FloatArray = np.asarray((self.columns.T @ self.columns).todense())
+        gram = self.columns.gram()
         scale = np.sqrt(np.where(np.diag(gram) > 0.0, np.diag(gram), 1.0))
-        sums: FloatArray = np.asarray((groups @ self.columns).todense())
+        sums = self.columns.sums(self.lot, self._sizes.size)
         totals: FloatArray = np.bincount(self.lot, self.y).astype(np.float64)
-        return gram, self.columns.T @ self.y, sums, totals, scale
+        return gram, self.columns.product(self.y), sums, totals, scale
 
     def _solve(self, ratio: float) -> _Solution:
         gram, product, sums, totals, scale = self._sums
@@ -135,7 +166,7 @@ class Mixed:
     def predicted(self, whole: Mixed, group: int) -> Tested | None:
         """How far a group of `whole` is from what this fit, which has not seen it, predicts; None where it cannot."""
         own = whole.lot == group
-        along = np.asarray(whole.columns[own].mean(axis=0)).ravel()
+        along = whole.columns.at(own).product(np.full(int(own.sum()), 1.0 / int(own.sum())))
         if not self.determined(along):
             return None
         return self._judged(float(whole.y[own].mean() - along @ self.beta), along, 1.0, 1.0 / int(own.sum()))
@@ -145,7 +176,7 @@ class Mixed:
         kept = self.lot != group
         if np.unique(self.lot[kept]).size < 2:
             return None
-        return Mixed.of(self.columns[kept], self.y[kept], self.lot[kept])
+        return Mixed.of(self.columns.at(kept), self.y[kept], self.lot[kept])
 
     def apart(self) -> dict[int, Tested]:
         """How far the mean of each group is from the columns, its standard error and p; of groups that have rows."""

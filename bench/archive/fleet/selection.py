@@ -4,18 +4,25 @@ real or simulated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from typing import Any
 
+import numpy as np
 from sqlalchemy import ColumnElement, select
 
+from bench.archive.fleet.groups import ObjectArray
 from bench.archive.registry.writing import TABLES
+from bench.base import IntArray
 
 IMPORT = "import"
 UNKNOWN, ONE = "unknown", "one"
 """The station, and the lot, of runs that name none."""
+COMPARED = ("unit", "lot", "station", "created", "profile", "state", "cause", "simulated", "corrected")
+"""Columns of a run that a selection looks at."""
 Row = Mapping[str, Any]
 
 
@@ -58,38 +65,46 @@ class Selection:
 
         Each has the columns of the registry's runs. Simulated runs count only where there are no others.
         """
+        columns = {name: np.array([run[name] for run in runs], dtype=object) for name in COMPARED}
+        kept, left = self.kept(columns)
+        return [runs[i] for i in kept.tolist()], left
+
+    def kept(self, runs: Mapping[str, ObjectArray]) -> tuple[IntArray, tuple[str, ...]]:
+        """The same of columns (n,): the places of the runs."""
         left: list[str] = []
+        found = np.arange(len(runs["unit"]))
 
-        def keep(found: list[Row], wanted: Callable[[Row], bool], words: str) -> list[Row]:
-            kept = [run for run in found if wanted(run)]
-            if len(kept) < len(found):
-                left.append(f"{len(found) - len(kept)} {words}")
-            return kept
+        def keep(wanted: Any, words: str) -> None:
+            nonlocal found
+            kept = found[np.asarray(wanted, dtype=bool)]
+            if kept.size < found.size:
+                left.append(f"{found.size - kept.size} {words}")
+            found = kept
 
-        found = list(runs)
         if self.station is not None:
-            found = keep(found, lambda run: run["station"] == self.station, "of other stations")
+            keep(runs["station"][found] == self.station, "of other stations")
         if self.lot is not None:
-            found = keep(found, lambda run: run["lot"] == self.lot, "of other lots")
+            keep(runs["lot"][found] == self.lot, "of other lots")
         if self.since or self.until:
             first, last = self.since or date.min, self.until or date.max
-            found = keep(found, lambda run: first <= day_of(run) <= last, "of other days")
-        found = keep(found, lambda run: run["state"] == "done", "that did not end as planned")
-        found = keep(found, lambda run: not run["corrected"], "of units that corrected themselves")
-        if any(run["simulated"] is False for run in found):
-            found = keep(found, lambda run: not run["simulated"], "simulated")
-        units: dict[Any, set[str]] = {}
-        for run in found:
-            units.setdefault(profile_of(run), set()).add(run["unit"])
-        profile = self.profile or max(units, key=lambda name: len(units[name]), default=None)
+            keep([first <= day_of(created) <= last for created in runs["created"][found]], "of other days")
+        keep(runs["state"][found] == "done", "that did not end as planned")
+        keep(~runs["corrected"][found].astype(bool), "of units that corrected themselves")
+        if np.equal(runs["simulated"][found], False).any():
+            keep(~runs["simulated"][found].astype(bool), "simulated")
+        profiles = np.where(runs["cause"][found] == "imported", IMPORT, runs["profile"][found])
+        pairs = zip(profiles.tolist(), runs["unit"][found].tolist(), strict=True)
+        several = len(set(profiles.tolist())) > 1
+        units = Counter(name for name, _ in (dict.fromkeys(pairs) if several else itertools.islice(pairs, 1)))
+        profile = self.profile or max(units, key=units.__getitem__, default=None)
         others = ", ".join(sorted(str(name) for name in units if name != profile))
-        found = keep(found, lambda run: profile_of(run) == profile, f"of other profiles ({others}; --profile)")
+        keep(profiles == profile, f"of other profiles ({others}; --profile)")
         return found, tuple(left)
 
 
-def day_of(run: Row) -> date:
-    """Day on which it began (UTC)."""
-    return datetime.fromisoformat(str(run["created"])).astimezone(UTC).date()
+def day_of(created: str) -> date:
+    """Day of a time (UTC)."""
+    return datetime.fromisoformat(str(created)).astimezone(UTC).date()
 
 
 def profile_of(run: Row) -> Any:

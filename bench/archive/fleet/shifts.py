@@ -158,7 +158,8 @@ def _bare(levelled: Levelled, values: FloatArray, odd: Sequence[int]) -> FloatAr
     used = levelled.near & ~(np.isin(levelled.station, odd) & whole[levelled.lot])
     lot, station, y = levelled.lot[used], levelled.station[used], values[used]
     centre = float(np.median(y))
-    met = scipy.sparse.csr_array((np.ones(y.size), (lot, station)), shape=(lots, count))
+    together = np.bincount(lot * count + station, minlength=lots * count).reshape(lots, count)
+    met = scipy.sparse.csr_array(together.astype(np.float64))
     many = np.maximum(np.bincount(lot, minlength=lots), 1)
     total = np.bincount(lot, y - centre, lots)
     shared = (met.T / many) @ met

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -14,10 +15,11 @@ from bench.analysis import Limits, one_blas_thread
 from bench.archive.fleet.capability import Capability, capability, proportion
 from bench.archive.fleet.charts import Chart, chart
 from bench.archive.fleet.drift import SIGNIFICANT, Drift, Levelled, corrected, drifts
+from bench.archive.fleet.groups import ObjectArray
 from bench.archive.fleet.shifts import ControlChart, Shift, charts_for, latest, shifts
 from bench.archive.fleet.units import Fleet, decided, good, words
 from bench.archive.fleet.unlike import Odd, unlike
-from bench.base import FloatArray, finite
+from bench.base import FloatArray, IntArray, finite
 
 SHARE = 0.9
 """Share of the units that must have a quantity for it to be part of the distance."""
@@ -49,7 +51,7 @@ class Measured:
 
     name: str
     unit: str
-    rows: tuple[int, ...]
+    rows: IntArray
     values: FloatArray
     lower: float | None
     upper: float | None
@@ -78,13 +80,14 @@ class Statistics:
     def to_json(self) -> dict[str, Any]:
         """The answer of `bench fleet --json`; null where a number does not exist."""
         share = self.passes.first / self.passes.judged if self.passes.judged else None
+        serials = self.fleet.newest.column("unit")
         return {
             "units": len(self.fleet.newest),
             "left_out": list(self.fleet.left_out),
             "limits": self.limits,
             "missing": list(self.missing),
             "yield": {**_plain(asdict(self.passes)), "first_pass": share},
-            "quantities": [_quantity(one, self.fleet) for one in self.measured],
+            "quantities": [_quantity(one, serials[one.rows]) for one in self.measured],
             "drifts": [{**_plain(asdict(one)), "significant": one.significant} for one in self.drifts],
             "shifts": [_shift(one, self.fleet) for one in self.shifts],
             "station_charts": {"false_alarm": SIGNIFICANT, "charts": [asdict(one) for one in self.charts]},
@@ -113,7 +116,7 @@ def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
 
 
 def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
-    verdicts = tuple(words(fleet.newest, limits))
+    verdicts = tuple(words(fleet.newest, limits).tolist())
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
     measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
@@ -128,7 +131,7 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
             moved += shifts(levelled, one.name, charts)
     whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
     table = np.column_stack([fleet.column(one.name) for one in whole]) if whole else np.zeros((len(fleet.newest), 0))
-    distances, odd = unlike(table, [one.name for one in whole], fleet.lots.tolist())
+    distances, odd = unlike(table, [one.name for one in whole], fleet.lots)
     name = limits.name if limits else None
     passes = _yield(fleet, limits, verdicts)
     wanted = [limit.subject for limit in limits.limits if limit.required] if limits else []
@@ -138,17 +141,19 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
 
 
 def _levelled(fleet: Fleet, one: Measured) -> Levelled | None:
-    rows = np.array(one.rows)
-    return Levelled.of(one.values, fleet.time_s[rows], fleet.stations[rows], fleet.lots[rows], rows)
+    rows = one.rows
+    return Levelled.of(one.values, fleet.newest.time_s[rows], fleet.stations.at(rows), fleet.lots.at(rows), rows)
 
 
 def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:
-    pairs = [(first, last) for first, last in zip(words(fleet.first, limits), newest, strict=True) if decided(last)]
+    pairs = Counter(zip(words(fleet.first, limits).tolist(), newest, strict=True))
+    judged = {(first, last): many for (first, last), many in pairs.items() if decided(last)}
     # An attempt that was not judged is no attempt.
-    passed = sum(good(first if decided(first) else last) for first, last in pairs)
-    unjudged = sum(word is not None and not decided(word) for word in newest)
-    interval = proportion(passed, len(pairs))
-    return Yield(len(pairs), passed, sum(good(last) for _, last in pairs), interval, unjudged)
+    passed = sum(many for (first, last), many in judged.items() if good(first if decided(first) else last))
+    final = sum(many for (_, last), many in judged.items() if good(last))
+    unjudged = sum(many for (_, last), many in pairs.items() if last is not None and not decided(last))
+    count = sum(judged.values())
+    return Yield(count, passed, final, proportion(passed, count), unjudged)
 
 
 def _measured(fleet: Fleet, name: str, lower: float | None, upper: float | None) -> Measured:
@@ -156,18 +161,16 @@ def _measured(fleet: Fleet, name: str, lower: float | None, upper: float | None)
     rows = np.flatnonzero(np.isfinite(column))
     values = column[rows]
     able = capability(values, lower, upper)
-    return Measured(name, fleet.units[name], tuple(rows.tolist()), values, lower, upper, able, chart(values))
+    return Measured(name, fleet.units[name], rows, values, lower, upper, able, chart(values))
 
 
-def _quantity(one: Measured, fleet: Fleet) -> dict[str, Any]:
+def _quantity(one: Measured, serials: ObjectArray) -> dict[str, Any]:
     drawn = one.chart
     control = drawn and {
         "centre": drawn.centre,
         "limits": list(drawn.limits),
         "range_limit": drawn.range_limit,
-        "signals": [
-            {"rule": s.rule, "text": s.text, "unit": fleet.newest[one.rows[s.index]].unit} for s in drawn.signals
-        ],
+        "signals": [{"rule": s.rule, "text": s.text, "unit": serials[s.index]} for s in drawn.signals],
     }
     able = None if one.capability is None else _plain(asdict(one.capability))
     return {"name": one.name, "unit": one.unit, "lower": one.lower, "upper": one.upper, "units": len(one.rows),

@@ -3,33 +3,34 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache, cached_property
 from sys import intern
-from typing import Any
+from typing import overload
 
 import numpy as np
-import numpy.typing as npt
-from sqlalchemy import ColumnElement, case, func, select
+import pyarrow as pa
+import pyarrow.compute as pc
+from sqlalchemy import ColumnElement, func, select
 
 from bench.analysis import Limits, Quantity, judge_limits
+from bench.archive.fleet.groups import Coded, ObjectArray, coded
 from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.writing import TABLES
-from bench.base import FloatArray, InputError
+from bench.base import FloatArray, InputError, IntArray
 from bench.record import Verdict
 
 NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
 """The lot of a unit without a recorded lot is its serial without the number at the end."""
 
-
-ObjectArray = npt.NDArray[np.object_]
-
 _AT_ONCE = 10_000
-"""Runs whose quantities are read together."""
+"""Runs that are read together."""
+_UNIQUE = ("id", "unit", "created")
+"""Columns in which most runs differ; of the others each word is kept once."""
 
 
 class NoUnitError(InputError):
@@ -79,45 +80,99 @@ class Values(Mapping[str, float]):
         return int((~np.isnan(self.row)).sum())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Runs(Sequence[Calibrated]):
+    """Calibrated runs as `rows` of common columns. An object is made where one is asked for: a million take a GB."""
+
+    columns: Mapping[str, ObjectArray]
+    names: Mapping[str, int]
+    """Column of `table` by quantity."""
+    table: FloatArray
+    """Quantities of the runs; NaN where there is none."""
+    rows: IntArray
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return int(self.rows.size)
+
+    @overload
+    def __getitem__(self, place: int) -> Calibrated: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> Runs: ...
+
+    def __getitem__(self, place: int | slice) -> Calibrated | Runs:
+        """A run, or some."""
+        if isinstance(place, slice):
+            return replace(self, rows=self.rows[place])
+        row = self.rows[place]
+        own = {name: column[row] for name, column in self.columns.items() if name in _OF_CALIBRATED}
+        run = own.pop("id")
+        values, time_s = Values(self.names, self.table[row]), _time_s(own["created"])
+        return Calibrated(run=run, path=run.partition("/")[2], time_s=time_s, values=values, **own)
+
+    def column(self, name: str) -> ObjectArray:
+        """A column of these runs (n,)."""
+        return self.columns[name][self.rows]
+
+    def newest(self) -> tuple[Runs, Runs]:
+        """The newest run of every unit in order of time, and the first of the same units."""
+        unit = pa.array(self.column("unit"), pa.string()).dictionary_encode().indices.to_numpy()
+        first, last = np.empty((2, int(unit.max()) + 1), dtype=np.int64)
+        last[unit] = np.arange(unit.size)
+        first[unit[::-1]] = np.arange(unit.size)[::-1]
+        newest = replace(self, rows=self.rows[last])
+        keys = pa.table({"time": newest.time_s, "run": pa.array(newest.column("id"), pa.string())})
+        order = pc.sort_indices(keys, sort_keys=[("time", "ascending"), ("run", "ascending")]).to_numpy()
+        return replace(newest, rows=newest.rows[order]), replace(self, rows=self.rows[first[order]])
+
+    @cached_property
+    def time_s(self) -> FloatArray:
+        """Time of each (n,) [s]."""
+        created = self.column("created")
+        try:
+            zoned = pa.array(created, pa.string()).cast(pa.timestamp("us", "UTC")).cast(pa.int64())
+        except pa.ArrowInvalid:  # a time without a zone is local time
+            return np.array([_time_s(one) for one in created])
+        return np.asarray(zoned.to_numpy() / 1e6, dtype=np.float64)
+
+
+_OF_CALIBRATED = ("id", "unit", "lot", "station", "created", "judged", "limits")
+
+
+def _time_s(created: str) -> float:
+    return datetime.fromisoformat(created).timestamp()
+
+
+@dataclass(frozen=True, eq=False)
 class Fleet:
     """Newest run of every unit in order of time, and the first; `units` of the quantities."""
 
-    newest: tuple[Calibrated, ...]
-    first: tuple[Calibrated, ...]
+    newest: Runs
+    first: Runs
     units: Mapping[str, str]
     left_out: tuple[str, ...] = ()
     """Runs that do not stand beside these, in words."""
 
     def column(self, quantity: str) -> FloatArray:
         """Values (n,) of the newest runs, NaN for a missing one."""
-        column: FloatArray = self._table[list(self.units).index(quantity)]
+        column: FloatArray = self.newest.table[self.newest.rows, self.newest.names[quantity]]
         return column
 
     @cached_property
-    def _table(self) -> FloatArray:
-        """Values of the newest runs (quantities, n), in the order of `units`."""
-        return np.array([one.values.row for one in self.newest]).T.copy()
+    def stations(self) -> Coded:
+        """Stations of the newest runs."""
+        return coded(self.newest.column("station"))
 
     @cached_property
-    def time_s(self) -> FloatArray:
-        """Time of the newest runs (n,) [s]."""
-        return np.array([one.time_s for one in self.newest])
-
-    @cached_property
-    def stations(self) -> ObjectArray:
-        """Stations of the newest runs (n,)."""
-        return np.array([one.station for one in self.newest], dtype=object)
-
-    @cached_property
-    def lots(self) -> ObjectArray:
-        """Lots of the newest runs (n,)."""
-        return np.array([one.lot for one in self.newest], dtype=object)
+    def lots(self) -> Coded:
+        """Lots of the newest runs."""
+        return coded(self.newest.column("lot"))
 
 
 def selected(
     registry: Registry, pattern: str | None = None, selection: Selection | None = None
-) -> tuple[list[Calibrated], Mapping[str, str], tuple[str, ...]]:
+) -> tuple[Runs, Mapping[str, str], tuple[str, ...]]:
     """Selected runs of all units whose whole serial matches, in order of time, units of quantities, what was left out.
 
     NoUnitError where there is none, InputError for a wrong pattern.
@@ -127,73 +182,81 @@ def selected(
     except re.error as error:
         raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     selection = selection or Selection()
-    runs, values, units = _rows(registry, selection.among())
-    found, left_out = selection.of([one for one in runs if wanted.fullmatch(one["unit"])])
-    if not found:
+    columns = _columns(registry, selection.among())
+    if pattern:
+        matching = np.array([wanted.fullmatch(unit) is not None for unit in columns["unit"]], dtype=bool)
+        columns = {name: column[matching] for name, column in columns.items()}
+    rows, left_out = selection.kept(columns)
+    if not rows.size:
         why = f" ({'; '.join(left_out)} left out)" if left_out else ""
         raise NoUnitError(
             f"no calibrated unit{f' matches {pattern}' if pattern else ''}{why}; `bench registry list`", registry.url
         )
-    return [_calibrated(row, values(row["id"])) for row in found], units, left_out
+    units, table = _quantities(registry, selection.among(), columns["id"])
+    return Runs(columns, {name: place for place, name in enumerate(units)}, table, rows), units, left_out
 
 
 def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
     """All units whose whole serial matches, by their selected runs; errors are those of `selected`."""
     found, units, left_out = selected(registry, pattern, selection)
-    first: dict[str, Calibrated] = {}
-    newest: dict[str, Calibrated] = {}
-    for one in found:
-        first.setdefault(one.unit, one)
-        newest[one.unit] = one
-    ordered = sorted(newest.values(), key=lambda one: (one.time_s, one.run))
-    return Fleet(tuple(ordered), tuple(first[one.unit] for one in ordered), units, left_out)
+    return Fleet(*found.newest(), units, left_out)
 
 
-def _rows(
-    registry: Registry, among: Sequence[ColumnElement[bool]]
-) -> tuple[list[dict[str, Any]], Callable[[str], Values], dict[str, str]]:
-    """Runs with a calibration, in order, the quantities by the id of a run, and their units."""
-    run, calibration, unit, quantity = (TABLES[name] for name in ("runs", "calibrations", "units", "quantities"))
+def _columns(registry: Registry, among: Sequence[ColumnElement[bool]]) -> dict[str, ObjectArray]:
+    """Runs with a calibration, in order, with their lots and stations."""
+    run, calibration, unit = (TABLES[name] for name in ("runs", "calibrations", "units"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
-    of_run = ("id", "path", "unit", "station", "created", "profile", "state", "cause", "simulated", "corrected")
-    columns = (*(run.c[name] for name in of_run), unit.c.lot)
+    of_run = ("id", "unit", "station", "created", "profile", "state", "cause", "simulated", "corrected")
     chosen = (
-        select(*columns, judged, calibration.c.limits)
+        select(*(run.c[name] for name in of_run), unit.c.lot, judged, calibration.c.limits)
         .join_from(run, calibration)
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(unit, unit.c.serial == run.c.unit)
         .where(run.c.created.is_not(None), once(), *among)
         .order_by(run.c.seen.asc().nulls_first(), run.c.created, run.c.id)
     )
+    known: dict[object, object] = {}
+    with registry.reading() as connection:
+        names = chosen.selected_columns.keys()
+        read: list[list[object]] = [[] for _ in names]
+        for some in connection.execute(chosen).partitions(_AT_ONCE):
+            for name, column, more in zip(names, read, zip(*some, strict=True), strict=True):
+                column.extend(more if name in _UNIQUE else map(known.setdefault, more, more))
+    columns = dict(zip(names, (np.array(column, dtype=object) for column in read), strict=True))
+    pairs = zip(columns["unit"], columns["lot"], strict=True)
+    columns["lot"] = np.array([lot or intern(lot_of(unit, None)) for unit, lot in pairs], dtype=object)
+    columns["station"] = np.array([station or UNKNOWN for station in columns["station"]], dtype=object)
+    return columns
+
+
+def _quantities(
+    registry: Registry, among: Sequence[ColumnElement[bool]], runs: ObjectArray
+) -> tuple[dict[str, str], FloatArray]:
+    """Units of the quantities, and the values of these runs (n + 1, quantities)."""
+    run, unit, quantity = (TABLES[name] for name in ("runs", "units", "quantities"))
     chosen_runs = select(run.c.id).join_from(run, unit, unit.c.serial == run.c.unit).where(*among)
     chosen_ones = (quantity.c.run.in_(chosen_runs),) if among else ()
-    of_names = select(quantity.c.name, func.max(quantity.c.unit)).where(*chosen_ones).group_by(quantity.c.name)
+    of_names = select(quantity.c.name, quantity.c.unit).where(*chosen_ones).distinct()
+    rows = dict(zip(runs.tolist(), range(runs.size), strict=True))
     with registry.reading() as connection:
-        runs = [_placed(row) for row in connection.execute(chosen).mappings()]
-        units = {name: word or "" for name, word in sorted(tuple(row) for row in connection.execute(of_names))}
-        places = {name: place for place, name in enumerate(units)}
-        rows = {one["id"]: row for row, one in enumerate(runs)}
-        table = np.full((len(runs) + 1, len(places)), np.nan)  # the last row takes the quantities of all other runs
-        wide = (func.max(case((quantity.c.name == name, quantity.c.value))) for name in units)
+        pairs = sorted((name, word or "") for name, word in map(tuple, connection.execute(of_names)))
+        units = dict(pairs)  # the last of several
+        table = np.full((runs.size + 1, len(units)), np.nan)  # the last row takes the quantities of all other runs
+        wide = (func.max(quantity.c.value).filter(quantity.c.name == name) for name in units)
         of_runs = select(quantity.c.run, *wide).where(*chosen_ones).group_by(quantity.c.run)
         for some in connection.execute(of_runs).partitions(_AT_ONCE):
-            where = [rows.get(one[0], -1) for one in some]
-            table[where] = np.array([one[1:] for one in some], dtype=np.float64)
-    return runs, lambda one: Values(places, table[rows[one]]), units
-
-
-def _placed(row: Mapping[Any, Any]) -> dict[str, Any]:
-    """A run of the registry with its lot and its station."""
-    few = {name: intern(row[name]) for name in ("profile", "state", "cause") if row[name]}
-    lot, station = lot_of(row["unit"], row["lot"]), row["station"] or UNKNOWN
-    return {**row, **few, "lot": intern(lot), "station": intern(station)}
+            ids, *values = zip(*some, strict=True)
+            table[[rows.get(one, -1) for one in ids]] = np.array(values, dtype=np.float64).T
+    return units, table
 
 
 def lot_of(unit: str, recorded: str | None) -> str:
     """The lot of a unit: the recorded one, else its serial number without the digits at the end."""
+    if recorded:
+        return recorded
     match = NO_LOT.match(unit)
-    return recorded or (match[1] if match else "") or ONE
+    return (match[1] if match else "") or ONE
 
 
 def choices(registry: Registry) -> dict[str, list[str]]:
@@ -214,33 +277,18 @@ def choices(registry: Registry) -> dict[str, list[str]]:
     }
 
 
-def _calibrated(row: Mapping[str, Any], values: Values) -> Calibrated:
-    return Calibrated(
-        run=row["id"],
-        unit=row["unit"],
-        lot=row["lot"],
-        station=row["station"],
-        created=row["created"],
-        path=row["path"],
-        time_s=datetime.fromisoformat(row["created"]).timestamp(),
-        judged=row["judged"],
-        limits=row["limits"],
-        values=values,
-    )
+def words(runs: Runs, limits: Limits | None) -> ObjectArray:
+    """Verdict of each run (n,): from its report if that used the same limits, else from its numbers.
 
-
-def words(runs: Sequence[Calibrated], limits: Limits | None) -> Iterator[str | None]:
-    """Verdict of each run: from its report if that used the same limits, else from its numbers; None without limits.
-
-    The registry keeps numbers without their intervals, so a verdict from the numbers ignores their uncertainty.
+    None without limits. The registry keeps numbers without their intervals, so a verdict from the numbers ignores their
+    uncertainty.
     """
-    for run in runs:
-        if limits is None or run.limits == limits.name:
-            yield run.judged
-        else:
-            yield judge_limits(
-                limits, [Quantity.exact(name, value) for name, value in run.values.items()]
-            ).verdict.value
+    found = runs.column("judged")
+    if limits is not None:
+        for place in np.flatnonzero(runs.column("limits") != limits.name).tolist():
+            values = runs[place].values.items()
+            found[place] = judge_limits(limits, [Quantity.exact(name, value) for name, value in values]).verdict.value
+    return found
 
 
 @cache

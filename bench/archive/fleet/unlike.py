@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from bench.archive.fleet.groups import coded, medians
+from bench.archive.fleet.groups import Coded, coded, median, medians
 from bench.base import FloatArray
 
 UNLIKELY = 0.01
@@ -31,16 +31,16 @@ class Odd:
     sigmas: float
 
 
-def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str]) -> tuple[FloatArray, list[Odd]]:
+def unlike(table: FloatArray, names: Sequence[str], lots: Sequence[str] | Coded) -> tuple[FloatArray, list[Odd]]:
     """Robust distances (n,) of the rows of a table (n, p), NaN for rows with gaps, and the odd units by distance."""
     distances = np.full(len(table), np.nan)
     whole = np.flatnonzero(np.all(np.isfinite(table), axis=1)) if table.size else np.zeros(0, dtype=np.int64)
     if whole.size < LEAST:
         return distances, []
     straight = np.column_stack([_straightened(column) for column in table[whole].T])
-    lot = coded([lots[i] for i in whole.tolist()])[1]
+    lot = coded(lots).at(whole).code
     centre = np.column_stack([medians(column, lot) for column in straight.T])[lot]
-    spread = 1.4826 * np.median(np.abs(straight - centre), axis=0)
+    spread = 1.4826 * np.array([median(np.abs(column)) for column in (straight - centre).T])
     used = np.flatnonzero(spread > 0)
     if used.size == 0:
         return distances, []
@@ -68,7 +68,7 @@ def _straightened(column: FloatArray) -> FloatArray:
 
 def _skewness(values: FloatArray) -> float:
     centred = values - values.mean()
-    return float(np.mean(centred**3) / np.mean(centred**2) ** 1.5)
+    return float(np.mean(centred * centred * centred) / np.mean(centred * centred) ** 1.5)
 
 
 def _distances(z: FloatArray) -> tuple[FloatArray, int]:
@@ -88,4 +88,4 @@ def _distances(z: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _spread(values: FloatArray) -> float:
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
+    return float(1.4826 * median(np.abs(values - median(values))))

@@ -90,10 +90,12 @@ def show(registry: Registry, name: str) -> dict[str, Any]:
     if units:
         return {"unit": units[0], "runs": runs(registry, name)}
     path = name.strip("/")
-    endings: ColumnElement[bool] = (run.c.id == path) | (run.c.path == path) | run.c.path.endswith(f"/{path}")
-    found = _found(registry, select(run).where(endings))
-    if not found:  # a folder, named from anywhere
-        found = _found(registry, select(run).where(run.c.path == "/".join(path.split("/")[-2:])))
+    of_archives = TABLES["archives"].c.id + "/"
+    anywhere = "/".join(path.split("/")[-2:])  # a folder, named from anywhere
+    ids = (run.c.id.in_(select(of_archives + one)) for one in (path, anywhere))
+    # Only the last one looks at every run.
+    ways = (run.c.id == path, *ids, run.c.path.endswith(f"/{path}"))
+    found = next((rows for way in ways if (rows := _found(registry, select(run).where(way)))), [])
     if len(found) != 1:
         several = ", ".join(one["id"] for one in found[:5])
         said = f"several runs are called '{name}': {several}" if found else f"no unit or run '{name}'"
