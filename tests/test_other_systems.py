@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ import pytest
 
 from bench.acquisition.run.runner import run_job
 from bench.base.errors import InputError
-from bench.record import slug
+from bench.record import create_run, slug
 from tests.support import acquisition
+from tests.support.run_folders import make_run, ramp_run
 
 ROOT = Path(__file__).parent.parent
 WITHOUT_POSIX = """
@@ -127,6 +129,21 @@ def test_no_run_has_a_name_that_windows_refuses(tmp_path):
 def test_a_name_in_a_path_is_one_that_windows_takes(name):
     assert refused_by_windows(name) or name == " b "
     assert not refused_by_windows(slug(name))
+
+
+def test_units_have_folders_of_their_own_in_any_script(tmp_path):
+    created = datetime(2026, 1, 2, tzinfo=UTC)
+    serials = ["GX-Ж-1", "GX-Я-1", "陀螺", "陀螺仪"]
+    assert [create_run(tmp_path, one, "ramp", created).path.parent.name for one in serials] == serials
+
+
+def test_a_unit_gets_no_folder_of_another(tmp_path):
+    make_run(tmp_path / "A-1" / "r1", **ramp_run(), unit="A/1", run="r1")
+    created = datetime(2026, 1, 2, tzinfo=UTC)
+    with pytest.raises(InputError, match="unit A:1 would share this folder with unit A/1"):
+        create_run(tmp_path, "A:1", "ramp", created)
+    assert [path.name for path in (tmp_path / "A-1").iterdir()] == ["r1"]
+    assert create_run(tmp_path, "A/1", "ramp", created).path.parent.name == "A-1"
 
 
 @pytest.mark.parametrize("name", ["bench", "Bench", "a/b", "c:1", "nul"])

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 from bench.base import InputError
 from bench.record.chain import chain_of, put, use
@@ -93,12 +95,13 @@ def create_run(
 ) -> RunFolder:
     """Make a new run folder `root/<unit>/<time>_<profile>` that holds `files` (name: content).
 
-    InputError when it cannot be written.
+    InputError when it cannot be written, or the folder is that of another unit.
     """
     stem = f"{created:%Y%m%dT%H%M%SZ}_{slug(profile)}"
     parent = root / slug(unit)
     try:
         parent.mkdir(parents=True, exist_ok=True)
+        _refuse_shared(parent, unit)
         run = RunFolder(new_folder(parent, stem))
         run.journal.mkdir()
         contents = {name: one if isinstance(one, bytes) else one.encode() for name, one in (files or {}).items()}
@@ -106,6 +109,19 @@ def create_run(
     except OSError as error:
         raise InputError(f"cannot make a run folder: {error.strerror}; choose another place with --out", root) from None
     return run
+
+
+def _refuse_shared(parent: Path, unit: str) -> None:
+    """Two units in one folder would be taken for one, also by what was written into them."""
+    other = ""
+    with suppress(InputError):  # a damaged run says nothing of its unit, and keeps nobody from the next
+        other = next((RunFolder(path.parent).manifest().unit for path in parent.glob(f"*/{MANIFEST}")), "")
+    if other not in {"", unit} and slug(other) == parent.name:
+        raise InputError(
+            f"unit {unit} would share this folder with unit {other}: a folder's name has letters, digits and . _ + - "
+            "only; give it another serial number, or another --out",
+            parent,
+        )
 
 
 def new_folder(parent: Path, stem: str) -> Path:
@@ -134,6 +150,6 @@ _DEVICE = re.compile(r"(?i)con|prn|aux|nul|(com|lpt)\d")
 
 
 def slug(text: str) -> str:
-    """A name that is safe as one part of a path."""
-    name = re.sub(r"[^A-Za-z0-9._+-]+", "-", text).strip(".-") or "unnamed"
+    """A name that is safe as one part of a path: letters and digits of any script, and . _ + - inside."""
+    name = re.sub(r"[^\w.+-]+", "-", normalize("NFC", text)).strip(".-") or "unnamed"
     return f"_{name}" if _DEVICE.fullmatch(name.partition(".")[0]) else name
