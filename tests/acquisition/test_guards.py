@@ -68,6 +68,14 @@ def test_rate_trips_on_a_fast_change_in_either_direction_and_not_on_a_slow_one()
     assert trips(rule, [20.0] * 30 + [22.0] * 30)[0] == (30, True)
 
 
+def test_the_light_of_a_guard_of_a_rate_shows_the_rate():
+    guards = Guards([guard(rate_per_min=6.0, rate_over_s=10.0), guard(name="h", above=85.0, rate_per_min=6.0)])
+    for t_s in range(20):
+        guards.evaluate({"chamber_temperature": Signal(20.0 + 0.05 * t_s, float(t_s))}, float(t_s))
+    slow, hot = guards.lights()
+    assert (slow.per_min, hot.per_min) == (pytest.approx(3.0), None)
+
+
 def test_rate_does_not_trip_on_the_last_digit_of_the_sensor():
     assert trips(guard(rate_per_min=1.0), [20 + 0.1 * (t % 2) for t in range(60)]) == []
 

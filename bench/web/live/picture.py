@@ -112,6 +112,7 @@ class GuardLight(BaseModel):
     action: str
     signal: str
     value: Number
+    per_min: Number = None
 
 
 class Again(BaseModel):

@@ -13,9 +13,10 @@ const UNITS = {
 
 export const guardName = (guard) => or(`guard.${guard.name}`, guard.name);
 
-function valueOf({ signal, value }) {
+function valueOf({ signal, value, per_min: rate }) {
   if (!(signal in UNITS)) return ""; // yes or no: the light says it
   if (value === null || value === undefined) return "–";
+  if (rate !== null && rate !== undefined) return t("guards.per_min", { value: number(rate, 1), unit: UNITS[signal] });
   return `${number(value, Math.abs(value) >= 100 ? 0 : 1)} ${UNITS[signal]}`;
 }
 
