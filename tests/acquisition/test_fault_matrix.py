@@ -353,6 +353,7 @@ def drive(action):
     return run
 
 
+IN_REAL_TIME = {"killed_real", "hangs"}
 HOW = {
     "rehearsal": rehearsal,
     "four": four,
@@ -452,6 +453,8 @@ def test_fault(lab, case):
     else:
         assert manifests[0].state == (case.state if case.how != "tables_full" else "done")
         left = check_losses(case, manifests[0].losses, outcome.struck)
+        if case.how in IN_REAL_TIME:  # a machine that stands still makes samples late, which are counted
+            left.pop("late", None)
         assert not left, "losses that nobody injected"
     kind, _, pattern = case.event.partition(": ")
     events = [event for event in outcome.runs[0].events() if event["kind"] == kind]
