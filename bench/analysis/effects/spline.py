@@ -56,7 +56,7 @@ class Spline(StaticEffect):
     """Whether the rows are means at the knots, one each."""
 
     def replaces(self, other: Effect) -> bool:
-        """A straight line lies in every spline."""
+        """A straight line is a part of both: beside a polynomial a spline is not determined."""
         return other.name == "polynomial"
 
     def __post_init__(self) -> None:
