@@ -344,7 +344,8 @@ def refuse_twice(records: Iterable[Dataset]) -> None:
     """InputError where two records are one recording: fitted twice it weighs double, as a check it judges itself."""
     known: dict[bytes, Dataset] = {}
     for one in records:
-        other = known.setdefault(one.channels["rate"].tobytes(), one)
+        rates = b"".join(one.channels[name].tobytes() for name in RATES if name in one.channels)
+        other = known.setdefault(rates, one)
         if other is not one and len(one) > 1:
             raise InputError(
                 f"{other.name} and {one.name} are the same recording: give each run once, and as a check run or an "
