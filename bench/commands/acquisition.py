@@ -13,6 +13,7 @@ from bench import acquisition, analysis, archive, deliver
 from bench.base import Document, InputError, library, load_config, read_yaml, user_name
 from bench.commands.files import write
 from bench.commands.papers import Papers
+from bench.commands.registering import open_in
 from bench.commands.results.measure import Checked, Copied, StationServed
 from bench.commands.slots import seated
 
@@ -174,8 +175,6 @@ def _given(options: RunOptions, out: Path) -> tuple[analysis.Limits | None, dict
 
 def _registered(out: Path, where: str | None) -> str:
     """The registry's equipment as an equipment file; InputError where it has none, or one is not calibrated today."""
-    from bench.commands.registering import open_in
-
     tools, url = [], where or str(out / archive.FILE)
     if where is not None or (out / archive.FILE).is_file():
         with open_in(out, where) as registry:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from bench import analysis, archive
 from bench.base import InputError, nearest_or_all
 from bench.commands.files import write
+from bench.commands.registering import existing, open_in
 from bench.commands.results.stock import FleetDiagnosed, FleetJudged, GaugeJudged
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     csv: Path | None,
 ) -> FleetJudged:
     """Yield, capability, charts, drifts, odd units."""
-    from bench.commands.registering import existing
-
     bounds = analysis.load_limits(limits) if limits else None
     with existing(out, where) as registry:
         units = archive.fleet_of(registry, pattern, archive.Selection(profile))
@@ -43,7 +42,6 @@ def diagnose_units(
 ) -> FleetDiagnosed:
     """`bench fleet diagnose`: what the model of every unit lacks, and what a lot has in common."""
     from bench.commands.refitting import engine_of
-    from bench.commands.registering import open_in
 
     model, name = analysis.load_model(model_name), "none"
 
@@ -72,8 +70,6 @@ def gauge(
     InputError for an unknown quantity, for runs that are no study, and for limits without a width.
     """
     import numpy as np
-
-    from bench.commands.registering import existing
 
     with existing(out, where) as registry:
         every, units, left_out = archive.selected(registry, pattern, archive.Selection(profile))

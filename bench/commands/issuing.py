@@ -17,7 +17,7 @@ from bench import archive, deliver
 from bench.base import InputError
 from bench.commands.files import write
 from bench.commands.papers import EQUIPMENT
-from bench.commands.registering import registry_tell
+from bench.commands.registering import existing, registry_tell
 from bench.commands.results.stock import CertificatesListed, Noted, Recalled
 from bench.record import MANIFEST, CertificateRecord, ImuRecord, sha256
 
@@ -128,8 +128,6 @@ def registry_recall(root: Path, where: str | None, equipment: str, since: date |
 
     What a run was made with stands in its folder; the certificate's own equipment counts as well.
     """
-    from bench.commands.registering import existing
-
     with existing(root, where) as registry:
         ledger, every = archive.archive(root), archive.runs(registry)
         numbers: dict[str, list[str]] = {}
@@ -164,7 +162,5 @@ def _equipment_of(folder: Path) -> set[str]:
 
 def registry_certificates(root: Path, where: str | None, unit: str | None) -> CertificatesListed:
     """`bench registry certificates`: every certificate, and whether it is in force."""
-    from bench.commands.registering import existing
-
     with existing(root, where) as registry:
         return CertificatesListed(registry.url, archive.certificates(registry, unit))

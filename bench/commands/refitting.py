@@ -12,6 +12,7 @@ import numpy as np
 
 from bench import analysis, archive
 from bench.base import InputError, finite
+from bench.commands.registering import open_in
 from bench.commands.results.stock import Refitted
 
 SMALL = 4
@@ -64,8 +65,6 @@ def refit(
 
 
 def _collected(root: Path, where: str | None, options: RefitOptions) -> tuple[Path, list[str], tuple[str, ...]]:
-    from bench.commands.registering import open_in
-
     if not archive.is_archive(root):
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
     path = root / "moments.parquet"
