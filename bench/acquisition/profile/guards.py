@@ -213,7 +213,6 @@ class Light:
 class _Guard:
     settings: GuardSettings
     value: float | None = None
-    per_min: float | None = None
     tripped: bool = False
     trouble: str | None = None
     bad_since: float | None = None
@@ -237,13 +236,12 @@ class _Guard:
     def light(self) -> Light:
         """What it shows now."""
         state: Literal["ok", "waiting", "tripped"] = "ok" if self.trouble is None else "waiting"
-        state = "tripped" if self.tripped else state
         text = self.trouble or ("waits for its release" if self.tripped else "")
         value = None if self.value is None or not math.isfinite(self.value) else self.value
         rule = self.settings
-        return Light(
-            rule.name, "tripped" if self.tripped else state, text, rule.action, rule.signal, value, self.per_min
-        )
+        only_rate = rule.above is None and rule.below is None
+        per_min = self._rate_per_min(self.history[-1]) if only_rate and self.history else None
+        return Light(rule.name, "tripped" if self.tripped else state, text, rule.action, rule.signal, value, per_min)
 
     def _release(self, signal: Signal | None, now_s: float) -> Trip | None:
         if not self.tripped or signal is None:
@@ -272,8 +270,6 @@ class _Guard:
             return f"{rule.signal} = {signal.value:.6g} is above {above:g}{_because(signal)}"
         if below is not None and signal.value < below:
             return f"{rule.signal} = {signal.value:.6g} is below {below:g}{_because(signal)}"
-        if rule.above is rule.below is None:
-            self.per_min = rate
         if rule.rate_per_min is not None and rate > rule.rate_per_min:
             return f"{rule.signal} changes by {rate:.6g} per minute, {rule.rate_per_min:g} allowed"
         return None
