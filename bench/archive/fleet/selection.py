@@ -92,7 +92,7 @@ class Selection:
         keep(~runs["corrected"][found].astype(bool), "of units that corrected themselves")
         if np.equal(runs["simulated"][found], False).any():
             keep(~runs["simulated"][found].astype(bool), "simulated")
-        profiles = np.where(runs["cause"][found] == "imported", IMPORT, runs["profile"][found])
+        profiles = profile_of(runs["cause"][found], runs["profile"][found])
         pairs = zip(profiles.tolist(), runs["unit"][found].tolist(), strict=True)
         several = len(set(profiles.tolist())) > 1
         units = Counter(name for name, _ in (dict.fromkeys(pairs) if several else itertools.islice(pairs, 1)))
@@ -107,6 +107,6 @@ def day_of(created: str) -> date:
     return datetime.fromisoformat(str(created)).astimezone(UTC).date()
 
 
-def profile_of(run: Row) -> Any:
-    """What was run; the names of imported tables tell nothing of it."""
-    return IMPORT if run["cause"] == "imported" else run["profile"]
+def profile_of(cause: Any, profile: Any) -> ObjectArray:
+    """What was run, of one run or of many (n,); the names of imported tables tell nothing of it."""
+    return np.where(np.asarray(cause, dtype=object) == "imported", IMPORT, np.asarray(profile, dtype=object))

@@ -273,7 +273,7 @@ def choices(registry: Registry) -> dict[str, list[str]]:
     return {
         "stations": sorted(stations),
         "lots": sorted(lots),
-        "plans": sorted({str(profile_of(one)) for one in found}),
+        "plans": sorted({str(profile_of(one["cause"], one["profile"])) for one in found}),
     }
 
 
