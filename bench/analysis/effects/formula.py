@@ -150,19 +150,21 @@ def parse(text: str, bounded: Collection[str] = ()) -> Formula:
 
 def needing_bounds(text: str) -> dict[str, bool]:
     """Parameters that are inside a function, a power or a divisor, so no amplitudes; True: a time [s]."""
-    found: set[str] = set()
-    while True:
-        try:
-            parse(text, found)
-        except NoFactorError as error:
-            found |= {*error.names}
-            continue
-        except InputError:
-            pass
-        break
+    found = _no_amplitudes(text, frozenset())
     calls = (node for node in ast.walk(checked(text)) if isinstance(node, ast.Call)) if found else ()
     times = {name for call in calls if names_of(call.func) & _OF_TIME for name in names_of(call.args[1])}
     return {name: name in times for name in sorted(found)}
+
+
+def _no_amplitudes(text: str, known: frozenset[str]) -> frozenset[str]:
+    """`known` parameters that are no amplitudes, and those that the parser meets beside them."""
+    try:
+        parse(text, known)
+    except NoFactorError as error:
+        return _no_amplitudes(text, known.union(error.names))
+    except InputError:  # what else is wrong is told elsewhere
+        pass
+    return known
 
 
 def checked(text: str, more: Mapping[str, int] = MappingProxyType({}), *, dotted: bool = False) -> ast.expr:
