@@ -24,14 +24,13 @@ export function UnitQuestion({ stations, last, answer }) {
   const [filling, setFilling] = useState(null);
   const sound = stations.filter((station) => !station.problem);
   const take = (serial) => {
-    setLong(serial.trim().length > LONGEST);
-    if (serial.trim().length > LONGEST) return setWrong("");
-    const places = whereIs(sound, serial);
+    const tooLong = serial.trim().length > LONGEST;
+    const places = tooLong ? [] : whereIs(sound, serial);
     const place = places.length === 1 ? places[0] : null;
-    setWrong(places.length ? "" : serial.trim());
+    setLong(tooLong);
+    setWrong(places.length || tooLong ? "" : serial.trim());
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
-    return undefined;
   };
   if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
