@@ -221,6 +221,29 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert any("k * time" in value for value in values), values
 
 
+def test_what_is_being_typed_stays_while_the_page_is_drawn_again(page):
+    held = []
+
+    def hold(route):
+        """The pictures of the diagnosis wait; its brief form passes."""
+        late = "brief" not in (route.request.post_data_json or {})
+        held.append(route) if late else route.continue_()
+
+    page.route("**/diagnoses", hold)
+    choose(page)
+    diagnosed(page)
+    box = page.get_by_label(re.compile("intervals", re.IGNORECASE)).first
+    box.press("Control+A")
+    box.press_sequentially("12")
+    while not held:
+        page.wait_for_timeout(50)
+    held[0].continue_()
+    page.locator(".wb-further").wait_for()
+    assert box.input_value() == "12"
+    box.press("Enter")
+    page.locator(".wb-fell").wait_for()
+
+
 def test_an_option_that_cannot_be_is_refused_once(page, visitors):
     choose(page)
     diagnosed(page)

@@ -32,6 +32,18 @@ export const Trouble = ({ error, retry }) =>
 export const Unknown = ({ what, way, words }) => html`<div class="notice warn" role="alert"><p>${what}</p>
   <p>${typeof way === "string" ? html`<a class="button narrow" href=${way}>${words}</a>` : html`<button type="button" class="narrow" onClick=${way}>${words}</button>`}</p></div>`;
 
+/** A text field: `onGiven(text)` when it is left or at Enter. Until then it keeps what is typed, also while the page is drawn again. */
+export function TextField({ value, onGiven, ...rest }) {
+  const draft = useRef(null);
+  const give = () => {
+    const text = draft.current;
+    draft.current = null;
+    if (text !== null) onGiven(text);
+  };
+  return html`<input type="text" autocomplete="off" spellcheck="false" ...${rest} value=${draft.current ?? value}
+    onInput=${(event) => { draft.current = event.target.value; }} onChange=${give} onBlur=${give} />`;
+}
+
 /** A native dialog: focus stays in it, Escape closes it, focus returns to where it was. */
 export function Dialog({ onClose, label, children }) {
   const element = useRef(null);

@@ -1,7 +1,7 @@
 // Import of a table of another program as a run: drop it, check the recognised content, correct it, import.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { finished, post, remove, upload, url } from "../lib/api.js";
-import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { Busy, Lamp, TextField, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { channelWord, duration, number, symbols, t } from "../lib/words.js";
@@ -78,7 +78,7 @@ function Channel({ kind, seen, columns, choice, change }) {
     <td><select aria-label=${t("import.column_of", { channel: word })} value=${choice.column} onChange=${(event) => change({ column: event.target.value, unit: columns.find((one) => one.name === event.target.value)?.unit ?? "" })}>
       <option value="" selected=${!choice.column}>–</option>
       ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
-    <td><input list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onChange=${(event) => change({ ...choice, unit: event.target.value.trim() })} />
+    <td><${TextField} list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onGiven=${(unit) => change({ ...choice, unit: unit.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
     <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
     <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => sig(value, 4)).join(", ") : ""}</td></tr>`;

@@ -3,7 +3,7 @@ import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { get } from "../lib/api.js";
 import { Operator } from "../lib/bar.js";
 import { useLive } from "../lib/live.js";
-import { Busy, Shape, Trouble } from "../lib/parts.js";
+import { Busy, Shape, TextField, Trouble } from "../lib/parts.js";
 import { may, remembered, session, store, useStore } from "../lib/store.js";
 import { inSlot, serialOf, slotOf } from "../lib/units.js";
 import { t } from "../lib/words.js";
@@ -114,8 +114,7 @@ function Neighbours({ now, station, answer }) {
   return html`<fieldset class="neighbours"><legend>${t("start.together")}</legend>
     ${station.units.map((slot) => html`<div key=${slot} class="tick">
       <input type="checkbox" aria-label=${slot} checked=${Boolean(of(slot))} disabled=${now.units.length === 1 && of(slot)} onChange=${() => put(slot, of(slot) ? null : slot)} />
-      <input type="text" class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" autocomplete="off" spellcheck="false"
-        onChange=${(event) => put(slot, inSlot(event.target.value, slot))} /></div>`)}
+      <${TextField} class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" onGiven=${(serial) => put(slot, inSlot(serial, slot))} /></div>`)}
     ${!all && html`<button type="button" class="narrow" onClick=${() => answer({ units: station.units.map((slot) => of(slot) ?? slot) })}>${t("start.all_units", { n: station.units.length })}</button>`}
   </fieldset>`;
 }

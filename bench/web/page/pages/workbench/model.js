@@ -6,6 +6,7 @@ import { offered } from "./offered.js";
 import { typed, written } from "./typed.js";
 import { OwnTerm } from "./term.js";
 import { fileName, save as offer } from "../../lib/download.js";
+import { TextField } from "../../lib/parts.js";
 import { Said } from "../../lib/said.js";
 
 /** Options of the effects by name, with their defaults, fetched once. */
@@ -24,8 +25,7 @@ function Option({ of, name, value, busy, change }) {
   if (typeof value === "boolean") {
     return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> <span title=${`${name}:`}>${word}</span></label>`;
   }
-  return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <input class="wb-code" aria-label=${label} spellcheck=${false} autocomplete="off" disabled=${busy}
-    value=${written(value)} onChange=${(event) => change(typed(event.target.value))} /></label>`;
+  return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <${TextField} class="wb-code" aria-label=${label} disabled=${busy} value=${written(value)} onGiven=${(text) => change(typed(text))} /></label>`;
 }
 
 /** Models of the library; `again()` after one was saved. The request also has the server start its computing processes. */
