@@ -41,6 +41,15 @@ class Candidate:
     """The grid where it is not one of evenly spaced points."""
     rarity: float = 0.0
     shift: Callable[[Theta], FloatArray] | None = field(default=None, repr=False)
+    many: Callable[[Sequence[Theta]], FloatArray] | None = field(default=None, repr=False)
+    """`columns` of many parameters at once (n, many, k), where that is faster."""
+
+    def on_grid(self) -> tuple[list[Theta], FloatArray]:
+        """The grid, and the columns, or their shift, at each of its points (n, points, k)."""
+        grid = self.grid()
+        if self.many:
+            return grid, self.many(grid)
+        return grid, np.stack([(self.shift or self.columns)(theta) for theta in grid], axis=1)
 
     def grid(self) -> list[Theta]:
         """Parameters to try, the same number of steps to each; one empty tuple where there are none."""
@@ -115,8 +124,3 @@ def outside(basis: FloatArray, values: FloatArray) -> FloatArray:
     """The part of values (n,) or (n, m) that a basis (n, r) does not span."""
     left: FloatArray = values - basis @ (basis.T @ values)
     return left
-
-
-def library(candidates: Sequence[Candidate]) -> list[tuple[int, Theta, FloatArray]]:
-    """Every candidate at every point of its grid: (candidate, parameters, columns or their shift)."""
-    return [(i, theta, (c.shift or c.columns)(theta)) for i, c in enumerate(candidates) for theta in c.grid()]

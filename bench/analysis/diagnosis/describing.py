@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.candidates import orthonormal, outside
+from bench.analysis.diagnosis.crew import Aside
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
@@ -101,16 +103,35 @@ class Describer:
 
     def describe(self, layout: Layout, explained: Explanation) -> Description:
         """Formulas beside the model alone, or beside the effects that were found where they leave more."""
-        found = self._search(layout, explained.first.point)
-        borne = Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
-        plain = self._ranked(layout, found, borne)
         if not explained.steps:
-            return Description(self._answer(layout, plain, borne))
+            found = self._search(layout, explained.first.point)
+            borne = self._borne(layout, found, explained)
+            return Description(self._answer(layout, self._ranked(layout, found, borne), borne))
+        # Both searches are made at once, by half of the workers each.
+        half = replace(self, workers=max(1, self.workers // 2))
+        further = Aside(lambda: half._search(explained.layout, explained.last.point), self.workers)
+        with contextlib.closing(further):
+            found = half._search(layout, explained.first.point)
+            return self._beside(layout, explained, found, further)
+
+    def _borne(self, layout: Layout, found: Sequence[FoundFormula], explained: Explanation) -> Borne:
+        return Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
+
+    def _beside(
+        self,
+        layout: Layout,
+        explained: Explanation,
+        found: Sequence[FoundFormula],
+        further: Aside[tuple[FoundFormula, ...]],
+    ) -> Description:
+        """What was `found` beside the model alone against the effects, and against the formulas beside the effects."""
+        borne = self._borne(layout, found, explained)
+        plain = self._ranked(layout, found, borne)
         named, named_borne = self._named(layout, explained, borne)
         best = plain[0] if plain and plain[0].total > named + TIE else None
         if best and (best.borne > named_borne + TIE or self._says_more(best.one, explained.layout)):
             return Description(self._answer(layout, plain, borne), replaces=True)
-        beside = self._ranked(explained.layout, self._search(explained.layout, explained.last.point), borne)
+        beside = self._ranked(explained.layout, further.answer(), borne)
         if not beside and plain and plain[0].total > named - TIE and explained.word == "unknown_effect":
             return Description(self._listed(layout, plain))  # no better than the effects, and no worse
         names = tuple(step.name for step in explained.steps)

@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, reduce
+from functools import lru_cache, partial, reduce
 
 import numpy as np
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
 from bench.analysis.diagnosis.candidates import Candidate, Theta, outside
+from bench.analysis.diagnosis.crew import shared
 from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
@@ -84,10 +85,11 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still(), self._workers)
         paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
-        found = [
-            self._refined(formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
+        tasks = [
+            partial(self._refined, formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
             for index in self._leaders(rough, scan, formulas)
         ]
+        found = shared(tasks, self._workers)
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
             found += self._grown(one, len(pairs))
@@ -103,6 +105,7 @@ class FormulaSearch:
         return Candidate(
             name=formula.product(formula.names),
             columns=lambda theta: self.columns(formula, theta),
+            many=lambda thetas: self._many(formula, thetas),
             parameters=formula.parameters,
             change_point=formula.places > 0,
             tried=formula.grid(),
@@ -113,18 +116,30 @@ class FormulaSearch:
 
     def columns(self, formula: Formula, theta: Theta) -> FloatArray:
         """Columns (n, k), one for each amplitude, at the rows of the layout."""
-        given = iter(theta)
-        own = [tuple(next(given) for _ in block.bounds) for block in formula.blocks]
-        factors = [self._block(block.text, block, each) for block, each in zip(formula.blocks, own, strict=True)]
+        return self._many(formula, [theta])[:, 0]
+
+    def _many(self, formula: Formula, thetas: Sequence[Theta]) -> FloatArray:
+        """The same of many parameters (n, many, k): each block is evaluated once for each of its own."""
+        factors, end = [], 0
+        for block in formula.blocks:
+            first, end = end, end + len(block.bounds)
+            factors.append(self._factor(block.text, block, [theta[first:end] for theta in thetas]))
         value = reduce(np.multiply, factors)
         if formula.pair:
-            first = formula.blocks[0]
-            cosine = self._block(first.text.replace("sin(", "cos(", 1), first, own[0])
-            return np.column_stack([value, reduce(np.multiply, factors[1:], cosine)])
+            sine = formula.blocks[0]
+            own = [theta[: len(sine.bounds)] for theta in thetas]
+            cosine = self._factor(sine.text.replace("sin(", "cos(", 1), sine, own)
+            return np.stack([value, reduce(np.multiply, factors[1:], cosine)], axis=2)
         if formula.along is None:
-            return value[:, None]
-        moved = self._block(formula.along.text, formula.along, ())
-        return np.column_stack([value * moved**power for power in range(formula.degree + 1)])
+            return value[:, :, None]
+        moved = self._block(formula.along.text, formula.along, ())[:, None]
+        return np.stack([value * moved**power for power in range(formula.degree + 1)], axis=2)
+
+    def _factor(self, text: str, block: Block, own: Sequence[Theta]) -> FloatArray:
+        """A block at each of these parameters (n, many)."""
+        different = {each: number for number, each in enumerate(dict.fromkeys(own))}
+        values = np.column_stack([self._block(text, block, each) for each in different])
+        return values if len(different) == len(own) else values[:, [different[each] for each in own]]
 
     def _block(self, text: str, block: Block, own: Theta) -> FloatArray:
         key = (text, own)

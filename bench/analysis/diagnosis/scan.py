@@ -6,14 +6,14 @@ base once; what remains for each response (the run, or simulated nulls) are inne
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, library, orthonormal, outside
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
 from bench.analysis.diagnosis.crew import shared
 from bench.analysis.diagnosis.refine import Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, spanned
@@ -24,7 +24,7 @@ DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
 _SINGLE: np.dtype[Any] = np.dtype(np.float32)
-_COLUMNS = 128  # projected at once: more do not fit the cache
+_COLUMNS = 256  # at once, at least: many more do not fit the cache
 
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 """What the columns of an entry do with the base: stand beside it, change its curve as they are, or replace it."""
@@ -60,23 +60,29 @@ class Library:
 
     def __init__(self, problem: Problem, candidates: Sequence[Candidate]) -> None:
         """Columns are computed here once; every later step only whitens them."""
-        listed = library(candidates)
+        listed = [candidate.on_grid() for candidate in candidates]
+        counts = [len(grid) for grid, _ in listed]
         self.problem = problem
-        self.entries = tuple((index, theta) for index, theta, _ in listed)
-        self.widths = np.array([columns.shape[1] for _, _, columns in listed], dtype=np.int64)
-        uses = np.array([_use(candidates[index]) for index, _, _ in listed])
-        self.replaces = uses == _REPLACES
-        self._shares = np.zeros(0)  # of the variance of single columns outside the base
+        self.entries = tuple((index, theta) for index, (grid, _) in enumerate(listed) for theta in grid)
+        self.widths = np.repeat([columns.shape[2] for _, columns in listed], counts)
+        uses = np.array([_use(candidate) for candidate in candidates])
+        self.replaces = np.repeat(uses == _REPLACES, counts)
+        self._shares = np.ones(len(self.entries))  # of the variance of single columns outside the base
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
-        for use in (_ADDS, _SHIFTS, _REPLACES):
-            for width in np.unique(self.widths[uses == use]):
-                which = np.flatnonzero((self.widths == width) & (uses == use)).astype(np.int64)
-                own = [listed[i][2] for i in which]
-                if use == _ADDS and width == 1:
-                    self._shares, stacked = _beside(problem.base, own)
-                else:
-                    stacked = np.column_stack(own)
-                self._stacks.append((which, use, int(width), stacked))
+        basis = orthonormal(problem.base)
+        for use, width in sorted({(use, columns.shape[2]) for use, (_, columns) in zip(uses, listed, strict=True)}):
+            chosen = [u == use and columns.shape[2] == width for u, (_, columns) in zip(uses, listed, strict=True)]
+            which = np.flatnonzero(np.repeat(chosen, counts)).astype(np.int64)
+            own = [columns.reshape(len(columns), -1) for (_, columns), mine in zip(listed, chosen, strict=True) if mine]
+            if use != _ADDS or width > 1:
+                self._stacks.append((which, use, int(width), np.hstack(own)))
+                continue
+            at = 0
+            for columns in _pieces(own):
+                part = which[at : at + columns.shape[1]]
+                self._shares[part], stacked = _beside(basis, columns)
+                self._stacks.append((part, use, 1, stacked))
+                at += columns.shape[1]
 
     def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
         """What the parameters of every entry cost in evidence (entries,)."""
@@ -148,11 +154,12 @@ class Library:
         rss0 = np.einsum("ij,ij->j", residual, residual)
         power = np.einsum("ij,ij->j", white, white)
         rss = np.empty((len(self.entries), run.shape[1]))
+        few = q.T.astype(_SINGLE), residual.astype(_SINGLE)
         for which, use, width, stacked in self._stacks:
             columns = way.apply(stacked)
             if use == _ADDS and width == 1:
-                excited[which] = self._shares
-                gain, volumes[which] = _single(columns, q, residual)
+                excited[which] = self._shares[which]
+                gain, volumes[which] = _single(columns, *few)
                 rss[which] = np.maximum(rss0 - gain, 1e-300)
                 continue
             if use == _REPLACES:
@@ -197,30 +204,39 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[F
     return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2)), np.asarray(volume)
 
 
-def _beside(base: FloatArray, columns: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Share (k,) of the variance of columns (n, 1) outside the base; that part (n, k), scaled, in single precision.
+def _pieces(columns: Sequence[FloatArray]) -> Iterator[FloatArray]:
+    """The same columns (n, ...) in arrays that fit the cache, in their order."""
+    own, count = [], 0
+    for each in columns:
+        for first in range(0, each.shape[1], _COLUMNS):
+            own.append(each[:, first : first + _COLUMNS])
+            count += own[-1].shape[1]
+            if count >= _COLUMNS:
+                yield np.hstack(own)
+                own, count = [], 0
+    if own:
+        yield np.hstack(own)
+
+
+def _beside(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Share (k,) of the variance of columns (n, k) outside a basis; that part (n, k), scaled, in single precision.
 
     What the base spans changes nothing beside it at any noise. Without it whitening does not cancel large numbers, and
     single precision, which halves the work, leaves the evidence of a grid point known to about 0.01.
     """
-    basis = orthonormal(base)
-    share, left = np.empty(len(columns)), np.empty((len(base), len(columns)), dtype=_SINGLE)
-    for first in range(0, len(columns), _COLUMNS):
-        part = slice(first, first + _COLUMNS)
-        own = np.hstack(columns[part])
-        beside = outside(basis, own)
-        norms = np.linalg.norm(beside, axis=0)
-        share[part] = (norms / np.maximum(np.linalg.norm(own, axis=0), 1e-300)) ** 2
-        left[:, part] = beside * np.where(share[part] < DEPENDENT, 0.0, 1.0 / np.maximum(norms, 1e-300))
-    return share, left
+    left = outside(basis, columns)
+    norms = np.linalg.norm(left, axis=0)
+    share = (norms / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)) ** 2
+    left *= np.where(share < DEPENDENT, 0.0, 1.0 / np.maximum(norms, 1e-300))
+    return share, left.astype(_SINGLE)
 
 
 def _single(columns: FloatArray, basis: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Square sum that each column explains beside a basis (columns, m) of what it leaves, and ln of its own there."""
-    inside = basis.T.astype(columns.dtype) @ columns
+    """Square sum that each column explains beside a basis (r, n) of what it leaves (n, m), and ln of its own there."""
+    inside = basis @ columns
     norm = np.einsum("ij,ij->j", columns, columns) - np.einsum("ij,ij->j", inside, inside)
     norm = np.maximum(norm, 0.0).astype(np.float64)
-    product = np.asarray(columns.T @ residual.astype(columns.dtype), dtype=np.float64)
+    product = (columns.T @ residual).astype(np.float64)
     volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
     return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
 

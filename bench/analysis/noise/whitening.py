@@ -26,7 +26,7 @@ from bench.base import FloatArray
 _RATIO = 4.0  # of neighbouring time constants: the sum is within 1.5 % of 1/f (tests/test_whitening.py)
 _LONGEST_S = 131072.0  # 36 h: beyond any run, where flicker is a constant to the fit
 _BLOCK = 32
-_AT_ONCE = 64  # columns that are whitened at once: more, and what is made of them does not fit the cache
+_AT_ONCE = 256  # columns that are whitened at once: more, and what is made of them does not fit the cache
 
 
 @dataclass(frozen=True)
@@ -109,23 +109,30 @@ class Whitener:
             diagonal = (1.0 / np.sqrt(self.white)).astype(matrix.dtype)
             return np.asarray(matrix * (diagonal if matrix.ndim == 1 else diagonal[:, None]))
         columns, transfer = matrix.reshape(self.rows, -1), self.transfer.astype(matrix.dtype, copy=False)
-        white = np.empty_like(columns)
+        white, whole = np.empty_like(columns), self.rows - self.rows % _BLOCK
+        last = np.zeros((1, _BLOCK, columns.shape[1]), columns.dtype)  # the rows after the last whole block
+        last[0, : self.rows - whole] = columns[whole:]
         for first in range(0, columns.shape[1], _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            white[:, part] = self._whitened(transfer, columns[:, part])
+            own = last[:, :, part]
+            inner, rest = self._whitened(transfer, columns[:whole, part].reshape(-1, *own.shape[1:]), own)
+            white[:whole, part] = inner.reshape(whole, own.shape[2])
+            white[whole:, part] = rest.reshape(-1, own.shape[2])[: self.rows - whole]
         return white.reshape(matrix.shape)
 
-    def _whitened(self, transfer: FloatArray, columns: FloatArray) -> FloatArray:
-        """The same of a few columns (n, k), with `transfer` in their precision."""
-        blocks, states = len(transfer), transfer.shape[1] - _BLOCK
-        both = self._blocks(columns)
-        before = transfer[:, :states, states:] @ both[:, states:]  # from the rows of each block alone
-        for block in range(1, blocks):
-            step = transfer[block, :states, :states]
-            both[block, :states] = before[block - 1]
-            before[block] += np.dot(step, before[block - 1])
-        white: FloatArray = transfer[:, states:] @ both
-        return white.reshape(blocks * _BLOCK, columns.shape[1])[: self.rows]
+    @staticmethod
+    def _whitened(transfer: FloatArray, whole: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same of a few columns in `whole` blocks (blocks, 32, k) and a `last` one (1, 32, k) that may be empty."""
+        count, states = len(whole), transfer.shape[1] - _BLOCK
+        state = np.zeros((len(transfer) + 1, states, whole.shape[2]), whole.dtype)  # before each block
+        np.matmul(transfer[:count, :states, states:], whole, out=state[1 : count + 1])  # from its rows alone
+        for block in range(1, count):
+            state[block + 1] += np.dot(transfer[block, :states, :states], state[block])
+        inner = transfer[:count, states:, states:] @ whole
+        inner += transfer[:count, states:, :states] @ state[:count]
+        rest = transfer[count:, states:, states:] @ last[: len(transfer) - count]
+        rest += transfer[count:, states:, :states] @ state[count : len(transfer)]
+        return inner, rest
 
     def colour(self, matrix: FloatArray) -> FloatArray:
         """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""

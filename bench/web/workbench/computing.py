@@ -77,7 +77,7 @@ def named(text: str, *runs: Run) -> str:
 def floor(runs: Runs, static: Run | None, interval_s: float = DEFAULT_INTERVAL_S) -> Floor:
     """Noise floor of these runs, computed as in all commands."""
     still = dataset(static, FINE_S) if static else None
-    return noise_floor([dataset(run, FINE_S) for run in runs], interval_s, still)
+    return noise_floor([dataset(run, FINE_S) for run in runs], interval_s, still, intervals=False)
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,6 @@
 // One figure: plotly drawn from JSON in the page's colours, with its description, keyboard control and file export.
 //
-// Plotly is fetched when the first figure is drawn. A figure is updated by Plotly.react, never recreated: a figure
+// Plotly is fetched as soon as there is a place for a figure, while its data are computed. A figure is updated by Plotly.react, never recreated: a figure
 // that is recreated loses its zoom and has leaked memory in the past.
 import { saveCsv, savePng, saveSvg } from "./download.js";
 
@@ -12,7 +12,7 @@ const KEY_STEP = 0.2;
 /** Plotly, after it was fetched. */
 let Plotly = null;
 
-/** Fetch plotly, with the first figure. */
+/** Fetch plotly, once. */
 async function plotly() {
   Plotly ??= (await import("plotly.js-cartesian-dist-min")).default;
   return Plotly;
@@ -72,6 +72,7 @@ export class Drawn {
     // Plotly.Plots.resize alone would leave the legend at its place for the size before, over the curves.
     this.watcher = new ResizeObserver(() => this.listening && this.figure && Plotly.Plots.resize(place).then(() => this.paint()));
     this.watcher.observe(place);
+    plotly().catch(() => {}); // told when the figure is drawn
     this.stop = onTheme(() => this.figure && this.paint());
   }
 
