@@ -15,6 +15,9 @@ from .config import STRICT as STRICT
 from .config import PlacedError as PlacedError
 from .config import export_schema as export_schema
 from .config import load_config as load_config
+from .crew import Aside as Aside
+from .crew import shared as shared
+from .crew import usual_workers as usual_workers
 from .digits import clock as clock
 from .digits import ends as ends
 from .digits import finite as finite

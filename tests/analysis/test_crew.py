@@ -13,12 +13,12 @@ import numpy as np
 import psutil
 import pytest
 
-from bench.analysis.diagnosis.crew import VARIABLE, Aside, shared, usual_workers
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.noise import likelihood
 from bench.analysis.noise.whitening import Ratios, Recursion, Whitener
+from bench.base.crew import VARIABLE, Aside, shared, usual_workers
 from bench.base.errors import InputError
 from tests.support.hidden_runs import HiddenUnit
 from tests.support.work import costs

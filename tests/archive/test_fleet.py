@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse, stats
 
+from bench.archive.fleet import statistics as judging
 from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
@@ -270,6 +271,17 @@ def test_a_fleet_is_counted_without_an_object_for_each_unit(made, monkeypatch):
     with open_registry(made[0] / FILE) as registry:
         assert {one.values.size for one in statistics(fleet_of(registry)).measured} == {201}
     assert asked == []
+
+
+def test_two_processes_say_of_a_fleet_what_one_says(made, monkeypatch):
+    with open_registry(made[0] / FILE) as registry:
+        fleet = fleet_of(registry)
+    alone = statistics(fleet).to_json()
+    monkeypatch.setattr(judging, "_MANY", 0)
+    monkeypatch.setenv("BENCH_WORKERS", "2")
+    assert statistics(fleet).to_json() == alone
+    assert alone["drifts"]
+    assert alone["quantities"]
 
 
 def test_a_unit_outside_its_limits_is_exit_code_one_and_a_filter_leaves_it_out(made, tmp_path):

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.crew import shared, usual_workers
 from bench.analysis.diagnosis.pieces import BLOCKS, pieces_of
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
-from bench.base import BoolArray, FloatArray, InputError, IntArray, finite, number
+from bench.base import BoolArray, FloatArray, InputError, IntArray, finite, number, shared, usual_workers
 from bench.record import Dataset, refuse_mixed
 
 ROTATION = "scale factor"

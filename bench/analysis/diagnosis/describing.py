@@ -10,7 +10,6 @@ import numpy as np
 
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.candidates import orthonormal, outside
-from bench.analysis.diagnosis.crew import Aside
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
@@ -22,7 +21,7 @@ from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
 from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
-from bench.base import FloatArray
+from bench.base import Aside, FloatArray
 from bench.record import Dataset
 
 _MOST = 5

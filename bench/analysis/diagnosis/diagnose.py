@@ -13,7 +13,6 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.crew import usual_workers
 from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
@@ -41,7 +40,7 @@ from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS, TIE
-from bench.base import FloatArray, InputError, number
+from bench.base import FloatArray, InputError, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
 _LEAST_INTERVALS = 12
@@ -70,7 +69,7 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     are such runs of units like this one, and tell how it drifts. `floor_dph` is
     the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows. `surface` are
     two channels over which what is left is shown in cells. `workers` processes share the work, by default those of
-    `crew.usual_workers`; the answer is the same for any number.
+    `usual_workers`; the answer is the same for any number.
     Raises InputError: no run, runs of several units, a run given twice, sisters without `static`, or the model cannot
     be fitted.
     """

@@ -21,13 +21,12 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, joint
-from bench.analysis.diagnosis.crew import Aside, shared
 from bench.analysis.diagnosis.refine import Interval, Refiner, Start
 from bench.analysis.diagnosis.scan import DEPENDENT, Library
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.whitening import Ratios, Whitener
 from bench.analysis.thresholds import TIE, WRONGLY_NAMED
-from bench.base import FloatArray
+from bench.base import Aside, FloatArray, shared
 
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
 _BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls is enough, as without any evidence

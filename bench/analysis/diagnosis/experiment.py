@@ -16,7 +16,6 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis
-from bench.analysis.diagnosis.crew import shared, usual_workers
 from bench.analysis.diagnosis.discrimination import Discrimination
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.plan import (
@@ -36,7 +35,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.base import InputError, finite, number
+from bench.base import InputError, finite, number, shared, usual_workers
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}

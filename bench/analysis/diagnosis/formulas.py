@@ -17,7 +17,6 @@ import numpy as np
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
 from bench.analysis.diagnosis.candidates import Candidate, Theta, outside
-from bench.analysis.diagnosis.crew import shared
 from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
@@ -28,7 +27,7 @@ from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.expression import Expression
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
 from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
-from bench.base import FloatArray, InputError
+from bench.base import FloatArray, InputError, shared
 
 _DECADE = 16
 _BEAM = 6  # leaders that are refined, and grown

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
-from bench.analysis.diagnosis.crew import shared
 from bench.analysis.diagnosis.refine import Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, spanned
 from bench.analysis.noise.whitening import Whitener
-from bench.base import FloatArray, IntArray
+from bench.base import FloatArray, IntArray, shared
 
 DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""

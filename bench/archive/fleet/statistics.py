@@ -7,6 +7,7 @@ import io
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,12 @@ from bench.archive.fleet.groups import ObjectArray
 from bench.archive.fleet.shifts import ControlChart, Shift, charts_for, latest, shifts
 from bench.archive.fleet.units import Fleet, decided, good, words
 from bench.archive.fleet.unlike import Odd, unlike
-from bench.base import FloatArray, IntArray, finite
+from bench.base import FloatArray, IntArray, finite, shared, usual_workers
 
 SHARE = 0.9
 """Share of the units that must have a quantity for it to be part of the distance."""
+_MANY = 50_000
+"""Units for which one processor would take seconds."""
 
 
 @dataclass(frozen=True)
@@ -119,16 +122,15 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
     verdicts = tuple(words(fleet.newest, limits).tolist())
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
-    measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
+    # The quantities are judged apart, by as many processes as there are processors: a million units take half a minute.
+    names, workers = sorted(fleet.units), usual_workers() if len(fleet.newest) > _MANY else 1
+    tasks = [partial(_measured, fleet, name, *bounds.get(name, (None, None))) for name in names]
+    measured = tuple(shared(tasks, workers))
     charts = charts_for(sum(one.values.size for one in measured if one.chart is not None))
-    found: list[Drift] = []
-    moved: list[Shift] = []
-    for one in measured:
-        if one.chart is not None and (levelled := _levelled(fleet, one)) is not None:
-            now = latest(levelled, charts)
-            found += [replace(drift, ewma=now.get(drift.place, np.nan)) if drift.kind == "station" else drift
-                      for drift in drifts(levelled, one.name)]  # fmt: skip
-            moved += shifts(levelled, one.name, charts)
+    fleet.stations, fleet.lots, fleet.newest.time_s  # noqa: B018 - made once, for all processes
+    moves = shared([partial(_moves, fleet, one, charts) for one in measured if one.chart is not None], workers)
+    found = [drift for drifting, _ in moves for drift in drifting]
+    moved = [shift for _, shifting in moves for shift in shifting]
     whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
     table = np.column_stack([fleet.column(one.name) for one in whole]) if whole else np.zeros((len(fleet.newest), 0))
     distances, odd = unlike(table, [one.name for one in whole], fleet.lots)
@@ -140,9 +142,17 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
                       tuple(sorted(moved, key=lambda one: one.since)), charts)  # fmt: skip
 
 
-def _levelled(fleet: Fleet, one: Measured) -> Levelled | None:
+def _moves(fleet: Fleet, one: Measured, charts: tuple[ControlChart, ...]) -> tuple[list[Drift], list[Shift]]:
+    """Drifts and shifts of one quantity."""
     rows = one.rows
-    return Levelled.of(one.values, fleet.newest.time_s[rows], fleet.stations.at(rows), fleet.lots.at(rows), rows)
+    times, stations, lots = fleet.newest.time_s[rows], fleet.stations.at(rows), fleet.lots.at(rows)
+    levelled = Levelled.of(one.values, times, stations, lots, rows)
+    if levelled is None:
+        return [], []
+    now = latest(levelled, charts)
+    found = [replace(drift, ewma=now.get(drift.place, np.nan)) if drift.kind == "station" else drift
+             for drift in drifts(levelled, one.name)]  # fmt: skip
+    return found, list(shifts(levelled, one.name, charts))
 
 
 def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:

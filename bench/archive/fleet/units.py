@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cache, cached_property
@@ -182,7 +183,9 @@ def selected(
     except re.error as error:
         raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     selection = selection or Selection()
-    columns = _columns(registry, selection.among())
+    with ThreadPoolExecutor(1) as aside:  # the database sums up the quantities while the runs are read
+        table = aside.submit(_quantities, registry, selection.among())
+        columns = _columns(registry, selection.among())
     if pattern:
         matching = np.array([wanted.fullmatch(unit) is not None for unit in columns["unit"]], dtype=bool)
         columns = {name: column[matching] for name, column in columns.items()}
@@ -192,8 +195,9 @@ def selected(
         raise NoUnitError(
             f"no calibrated unit{f' matches {pattern}' if pattern else ''}{why}; `bench registry list`", registry.url
         )
-    units, table = _quantities(registry, selection.among(), columns["id"])
-    return Runs(columns, {name: place for place, name in enumerate(units)}, table, rows), units, left_out
+    units, ids, values = table.result()
+    places = {name: place for place, name in enumerate(units)}
+    return Runs(columns, places, _placed(ids, values, columns["id"]), rows), units, left_out
 
 
 def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
@@ -231,24 +235,32 @@ def _columns(registry: Registry, among: Sequence[ColumnElement[bool]]) -> dict[s
 
 
 def _quantities(
-    registry: Registry, among: Sequence[ColumnElement[bool]], runs: ObjectArray
-) -> tuple[dict[str, str], FloatArray]:
-    """Units of the quantities, and the values of these runs (n + 1, quantities)."""
+    registry: Registry, among: Sequence[ColumnElement[bool]]
+) -> tuple[dict[str, str], list[str], FloatArray]:
+    """Units of the quantities; ids of runs (n,), and their values (n, quantities)."""
     run, unit, quantity = (TABLES[name] for name in ("runs", "units", "quantities"))
     chosen_runs = select(run.c.id).join_from(run, unit, unit.c.serial == run.c.unit).where(*among)
     chosen_ones = (quantity.c.run.in_(chosen_runs),) if among else ()
     of_names = select(quantity.c.name, quantity.c.unit).where(*chosen_ones).distinct()
-    rows = dict(zip(runs.tolist(), range(runs.size), strict=True))
+    ids, values = list[str](), list[FloatArray]()
     with registry.reading() as connection:
         pairs = sorted((name, word or "") for name, word in map(tuple, connection.execute(of_names)))
         units = dict(pairs)  # the last of several
-        table = np.full((runs.size + 1, len(units)), np.nan)  # the last row takes the quantities of all other runs
         wide = (func.max(quantity.c.value).filter(quantity.c.name == name) for name in units)
         of_runs = select(quantity.c.run, *wide).where(*chosen_ones).group_by(quantity.c.run)
         for some in connection.execute(of_runs).partitions(_AT_ONCE):
-            ids, *values = zip(*some, strict=True)
-            table[[rows.get(one, -1) for one in ids]] = np.array(values, dtype=np.float64).T
-    return units, table
+            own, *columns = zip(*some, strict=True)
+            ids += own
+            values.append(np.array(columns, dtype=np.float64).T)
+    return units, ids, np.concatenate([np.empty((0, len(units))), *values])
+
+
+def _placed(ids: Sequence[str], values: FloatArray, runs: ObjectArray) -> FloatArray:
+    """Values (n, quantities) of runs with these ids in the order of `runs`, NaN where there are none; a row is left."""
+    rows = dict(zip(runs.tolist(), range(runs.size), strict=True))
+    table = np.full((runs.size + 1, values.shape[1]), np.nan)  # the last row takes the quantities of all other runs
+    table[[rows.get(one, -1) for one in ids]] = values
+    return table
 
 
 def lot_of(unit: str, recorded: str | None) -> str:
