@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -61,27 +63,25 @@ class Library:
         """Columns are computed here once; every later step only whitens them."""
         listed = [candidate.on_grid() for candidate in candidates]
         counts = [len(grid) for grid, _ in listed]
+        uses = [_use(candidate) for candidate in candidates]
         self.problem = problem
         self.entries = tuple((index, theta) for index, (grid, _) in enumerate(listed) for theta in grid)
         self.widths = np.repeat([columns.shape[2] for _, columns in listed], counts)
-        uses = np.array([_use(candidate) for candidate in candidates])
-        self.replaces = np.repeat(uses == _REPLACES, counts)
+        self.replaces = np.repeat([use == _REPLACES for use in uses], counts)
         self._shares = np.ones(len(self.entries))  # of the variance of single columns outside the base
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
+        entries = np.split(np.arange(len(self.entries)), np.cumsum(counts)[:-1])
+        alike: dict[tuple[str, int], list[tuple[IntArray, FloatArray]]] = {}
+        for use, (_, columns), which in zip(uses, listed, entries, strict=True):
+            flat = columns.reshape(len(columns), -1)
+            alike.setdefault((use, columns.shape[2]), []).append((which, flat))
         basis = orthonormal(problem.base)
-        for use, width in sorted({(use, columns.shape[2]) for use, (_, columns) in zip(uses, listed, strict=True)}):
-            chosen = [u == use and columns.shape[2] == width for u, (_, columns) in zip(uses, listed, strict=True)]
-            which = np.flatnonzero(np.repeat(chosen, counts)).astype(np.int64)
-            own = [columns.reshape(len(columns), -1) for (_, columns), mine in zip(listed, chosen, strict=True) if mine]
-            if use != _ADDS or width > 1:
-                self._stacks.append((which, use, int(width), np.hstack(own)))
-                continue
-            at = 0
-            for columns in _pieces(own):
-                part = which[at : at + columns.shape[1]]
-                self._shares[part], stacked = _beside(basis, columns)
-                self._stacks.append((part, use, 1, stacked))
-                at += columns.shape[1]
+        for (use, width), own in alike.items():
+            single = use == _ADDS and width == 1
+            for which, columns in _pieces(own) if single else [_joined(own)]:
+                if single:
+                    self._shares[which], columns = _beside(basis, columns)  # noqa: PLW2901 - of the same entries
+                self._stacks.append((which, use, width, columns))
 
     def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
         """What the parameters of every entry cost in evidence (entries,)."""
@@ -203,18 +203,16 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[F
     return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2)), np.asarray(volume)
 
 
-def _pieces(columns: Sequence[FloatArray]) -> Iterator[FloatArray]:
-    """The same columns (n, ...) in arrays that fit the cache, in their order."""
-    own, count = [], 0
-    for each in columns:
-        for first in range(0, each.shape[1], _COLUMNS):
-            own.append(each[:, first : first + _COLUMNS])
-            count += own[-1].shape[1]
-            if count >= _COLUMNS:
-                yield np.hstack(own)
-                own, count = [], 0
-    if own:
-        yield np.hstack(own)
+def _joined(parts: Sequence[tuple[IntArray, FloatArray]]) -> tuple[IntArray, FloatArray]:
+    """Entries and their columns (n, k) in one."""
+    return np.concatenate([which for which, _ in parts]), np.hstack([columns for _, columns in parts])
+
+
+def _pieces(parts: Sequence[tuple[IntArray, FloatArray]]) -> Iterator[tuple[IntArray, FloatArray]]:
+    """The same in pieces of about so many columns as fit the cache, in their order."""
+    sizes = np.cumsum([columns.shape[1] for _, columns in parts])
+    for _, own in groupby(zip(sizes // _COLUMNS, parts, strict=True), key=itemgetter(0)):
+        yield _joined([part for _, part in own])
 
 
 def _beside(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
