@@ -170,6 +170,20 @@ def test_causes_that_the_chamber_does_not_move_are_to_be_moved_by_hand(runs):
     assert profile.profile_from_text(proposal.profile_yaml).duration_s > 2 * 3600
 
 
+def test_what_the_chamber_can_tell_comes_before_what_somebody_has_to_move(runs):
+    layout, rivals, noise = judged(runs["temperature_rate"])
+    supply = Rival("supply_voltage", effects.make("supply_voltage"), (), 30.0)
+    proposal = propose(layout, [*strengthened(rivals), supply], noise, LIMITS)
+    assert proposal.use == "run"
+    assert proposal.channels == ()
+    assert set(proposal.separates) == set(HIDDEN)
+    assert proposal.probability_after > proposal.probability_before
+    assert "supply_voltage stays open" in proposal.why
+    first = propose(layout, [supply, *strengthened(rivals)], noise, LIMITS)
+    assert first.use == "by_hand"
+    assert first.channels == ("supply",)
+
+
 def test_standing_still_and_reversing_separates_better_than_the_same_again(runs):
     layout, rivals, noise = judged(runs["temperature_rate"])
     pair = [rival for rival in rivals if rival.name in {"temperature_rate", "hysteresis"}]

@@ -35,7 +35,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.base import InputError, finite, number, shared, usual_workers
+from bench.base import InputError, finite, listed, number, shared, usual_workers
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
@@ -173,6 +173,8 @@ def propose(
 ) -> Proposal | None:
     """The run that tells these rivals apart, best first in `rivals`; None where all are one family.
 
+    Where a thermal one is the best, and others of another family are thermal, too, the run tells these apart: a run in
+    which somebody moves a channel by hand is for what stays open then.
     `limits` are what the chamber can do; by default the range that the runs visited and the rates that they showed.
     """
     families = [rival.effect.family for rival in rivals]
@@ -180,12 +182,25 @@ def propose(
         return None
     records = layout.rows.records
     limits = limits or chamber_limits(records)
-    names = tuple(rival.name for rival in rivals)
-    channels = sorted({c for rival in rivals for c in rival.effect.needs if c not in _PREDICTABLE})
+    moved = {rival.name: sorted(set(rival.effect.needs) - _PREDICTABLE) for rival in rivals}
+    thermal = [rival for rival in rivals if not moved[rival.name]]
+    if not moved[rivals[0].name] and len({rival.effect.family for rival in thermal}) > 1:
+        # What the chamber can tell comes first: nobody has to be there.
+        return _leaving_open(_designed(layout, thermal, noise, limits), [name for name in moved if moved[name]])
+    channels = sorted({channel for needed in moved.values() for channel in needed})
     if channels:
+        names = tuple(rival.name for rival in rivals)
         plan, why = exciting(limits, channels, names)
         return replace(_proposal(plan, limits, names, why, use="by_hand"), channels=tuple(channels))
     return _designed(layout, rivals, noise, limits)
+
+
+def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
+    """The same, said not to judge `others`."""
+    if not others:
+        return proposal
+    left = f"{listed(others)} stay{'s' * (len(others) == 1)} open: the chamber does not move what is needed to tell"
+    return replace(proposal, why=f"{proposal.why}; {left}")
 
 
 def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits: ChamberLimits) -> Proposal:

@@ -70,7 +70,7 @@ class Library:
         self.replaces = np.repeat([use == _REPLACES for use in uses], counts)
         self._shares = np.ones(len(self.entries))  # of the variance of single columns outside the base
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
-        entries = np.split(np.arange(len(self.entries)), np.cumsum(counts)[:-1])
+        entries = np.split(np.arange(len(self.entries)), np.cumsum(counts, dtype=np.int64))[:-1]
         alike: dict[tuple[str, int], list[tuple[IntArray, FloatArray]]] = {}
         for use, (_, columns), which in zip(uses, listed, entries, strict=True):
             flat = columns.reshape(len(columns), -1)
