@@ -422,7 +422,9 @@ def check_data(case: Case, run, losses):
     if len(heard) and case.how != "power_cut" and not case.data.startswith("left out from"):
         sent = round((heard[-1] - heard[0]) * RATE_HZ) + 1
         missing = losses["lost"] + losses["late"] + losses["invalid"]
-        assert abs(sent - len(heard) - missing) <= 1 + losses["resets"], "samples are missing and not counted"
+        assert sent - len(heard) - missing <= 1 + losses["resets"], "samples are missing and not counted"
+        if case.how not in IN_REAL_TIME:  # there a busy machine makes samples before the first that is heard late, too
+            assert sent - len(heard) - missing >= -1 - losses["resets"], "samples are counted as lost and are there"
 
 
 @pytest.mark.parametrize("case", MATRIX, ids=lambda case: f"{case.group}: {case.name}")
@@ -453,8 +455,8 @@ def test_fault(lab, case):
     else:
         assert manifests[0].state == (case.state if case.how != "tables_full" else "done")
         left = check_losses(case, manifests[0].losses, outcome.struck)
-        if case.how in IN_REAL_TIME:  # a machine that stands still makes samples late, which are counted
-            left.pop("late", None)
+        if case.how in IN_REAL_TIME:  # a busy machine makes samples, or their temperatures, late, which are counted
+            left = {name: count for name, count in left.items() if name not in {"late", "invalid"}}
         assert not left, "losses that nobody injected"
     kind, _, pattern = case.event.partition(": ")
     events = [event for event in outcome.runs[0].events() if event["kind"] == kind]
