@@ -1,5 +1,5 @@
 // Two runs side by side, of one unit or of two: only the differences, largest first.
-import { html, t, number, runName, unitOf, useState } from "./parts.js";
+import { html, t, number, runTitle, unitOf, useState } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
@@ -85,7 +85,7 @@ export function Compare({ a, onClose }) {
   const [b, setB] = useState(null);
   const job = useJob("/differences", b ? { a, b } : null);
   const parts = PARTS();
-  const told = (run) => html`<b>${unitOf(run)}</b> ${runName(run)}`;
+  const told = (run) => html`<b>${unitOf(run)}</b> ${runTitle(run)}`;
   const found = job.result;
   const differing = found ? Object.keys(parts).filter((key) => found[key] && (rowsOf(found[key]).length || found[key].reason)) : [];
   return html`<div class="wb-compare">
