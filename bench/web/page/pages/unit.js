@@ -129,7 +129,7 @@ export default function Unit({ params }) {
   if (error) return html`<div class="page stack">${head}<h1>${params.serial}</h1><${Trouble} error=${error} retry=${again} /></div>`;
   if (!unit) return html`<div class="page stack">${head}<${Busy} /></div>`;
   return html`<div class="page stack">${head}
-    <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<span class="soft">${t("units.lot")} ${unit.lot}</span>`}</div>
+    <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<a class="soft" href=${`/units?q=${encodeURIComponent(unit.lot)}`}>${t("units.lot")} ${unit.lot}</a>`}</div>
     <${Summary} unit=${unit} />
     <section class="stack" aria-labelledby="calibrations"><h2 id="calibrations">${t("units.calibrations")}</h2>
       ${unit.calibrations.length ? html`<ol class="st-cards">${unit.calibrations.map((one) => html`<${Calibration} key=${one.run} one=${one} serial=${unit.serial} />`)}</ol>` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>

@@ -16,7 +16,7 @@ export function Chosen({ chosen, states, offered, act, onAdd, onOther, onCompare
     ${units.length === 1 && html`<b class="wb-unit">${units[0]}</b>`}
     <ul>${chosen.map((one) => html`<li key=${one.run} class=${`wb-chip wb-role-${one.role}`} title=${hints[one.role]}>
       <span class="wb-shape" aria-hidden="true">${SHAPES[one.role]}</span>
-      <span class="wb-chip-name">${units.length > 1 && html`<b>${unitOf(one.run)}</b> `}${runTitle(one.run)}${states[one.run] && states[one.run] !== "done" && html` <span class="wb-soft">· ${or(`units.state.${states[one.run]}`, states[one.run])}</span>`}</span>
+      <a class="wb-chip-name" href=${`/runs/${one.run}`}>${units.length > 1 && html`<b>${unitOf(one.run)}</b> `}${runTitle(one.run)}${states[one.run] && states[one.run] !== "done" && html` <span class="wb-soft">· ${or(`units.state.${states[one.run]}`, states[one.run])}</span>`}</a>
       <select value=${one.role} aria-label=${t("workbench.role.of", { run: runTitle(one.run) })} onChange=${(event) => act({ type: "role", run: one.run, role: event.target.value })}>
         ${ROLES.map((role) => html`<option key=${role} value=${role} selected=${role === one.role}>${words[role]}</option>`)}
       </select>
