@@ -137,6 +137,7 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     assert made["rows"] == 2000
     page.get_by_role("link", name="History of IMP-7").click()
     page.get_by_role("cell", name="Import", exact=True).wait_for()
+    page.get_by_role("cell", name="Import: лог 7.csv").wait_for()
 
 
 def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tmp_path):

@@ -143,7 +143,7 @@ def test_a_run_is_named_by_plan_and_moment_and_found_by_what_names_it(page, myst
     page.locator(".bar select").select_option("uk")
     page.goto("/workbench")
     page.get_by_text(f"{MANY + 3} з {MANY + 3}").wait_for()
-    for words in (f"MYSTERY {folder}", "MYSTERY ramp", "mystery калібрування"):
+    for words in (f"MYSTERY {folder}", "MYSTERY ramp", "mystery калібрування завершено"):
         page.get_by_role("combobox").last.fill("")
         page.get_by_text(f"{MANY + 3} з {MANY + 3}").wait_for()
         page.get_by_role("combobox").last.fill(words)
@@ -305,6 +305,14 @@ def test_two_runs_are_compared(page):
     page.locator("[role=option]", has_text="Verification, minor loops").click()
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
+    page.reload()
+    page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
+    told = page.locator(".wb-compare").text_content()
+    assert "done, " in told
+    assert not re.search(r"duration s|\^2", told)
+    page.get_by_role("button", name="Back to the workbench").click()
+    page.reload()
+    page.locator(".wb-verdict").wait_for()
 
 
 LEGEND_ABOVE = """() => {

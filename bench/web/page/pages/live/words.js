@@ -11,7 +11,11 @@ export const isOld = (run) => Boolean(run.condition) && run.condition !== "live"
 export const toneOf = (run) => (run.condition === "unheard" ? "idle" : run.condition === "gone" || run.condition === "silent" ? "bad" : TONES[run.state] ?? "idle");
 export const stateWord = (run) => or(`live.state.${stateOf(run)}`, stateOf(run));
 
-export const planName = (run) => planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
+/** Name of the plan of a run; of an import its file. */
+export function planName(run) {
+  const [, file] = run.profile?.match(/^import(?: of |_)(.+)$/) ?? [];
+  return file ? `${t("units.kind.import")}: ${file}` : planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
+}
 
 /** A run by its id, for people: plan and moment; a folder that is not named by both keeps its name. */
 export function runTitle(run) {

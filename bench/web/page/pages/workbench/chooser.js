@@ -8,14 +8,23 @@ const PAGE = 100;
 const SPARE = 6;
 const PAUSE_MS = 70;
 
-/** What the server searches for: each word, or the plans that it names in this language. */
-const wanted = (text, profiles) => text.trim().toLowerCase().split(/\s+/).map((word) =>
-  [word, ...profiles.filter((profile) => word.length > 1 && planName({ profile }).toLowerCase().includes(word))].join("|")).join(" ");
+/** What the server calls the plans, verdicts and states of its runs, each with what the reader sees; of an import the first word. */
+const namesOf = ({ profiles, verdicts, states }) => [
+  ...profiles.map((profile) => [profile.split(" ")[0], planName({ profile })]),
+  ...verdicts.map((verdict) => [verdict, or(`units.word.${verdict}`, verdict)]),
+  ...states.map((state) => [state, or(`units.state.${state}`, state)]),
+];
+
+/** What the server searches for: each word as it was typed, or what it names in this language. */
+const wanted = (text, names) => text.trim().toLowerCase().split(/\s+/).map((word) => {
+  const named = names.filter(([, seen]) => word.length > 1 && seen.toLowerCase().includes(word));
+  return [...new Set([word, ...named.map(([name]) => name)])].join("|");
+}).join(" ");
 
 /** Rows of a filtered list, fetched one page at a time; `at(i)` is undefined until its page is loaded. */
 function useRows(text) {
-  const [list, setList] = useState({ query: null, total: 0, matched: 0, pages: {}, failed: "", profiles: [] });
-  const query = wanted(text, list.profiles);
+  const [list, setList] = useState({ query: null, total: 0, matched: 0, pages: {}, failed: "", names: [] });
+  const query = wanted(text, list.names);
   const requested = useRef({ query: null, pages: new Set() });
   const fetchPage = async (page) => {
     if (requested.current.pages.has(page)) return;
@@ -24,7 +33,7 @@ function useRows(text) {
     try {
       const answer = await api.get(`/runs${api.query({ q: query, limit: PAGE, offset: page * PAGE })}`);
       if (request !== requested.current) return;
-      setList((old) => ({ query, profiles: answer.profiles, total: answer.total, matched: answer.matched, failed: "", pages: { ...(old.query === query ? old.pages : {}), [page]: answer.runs } }));
+      setList((old) => ({ query, names: namesOf(answer), total: answer.total, matched: answer.matched, failed: "", pages: { ...(old.query === query ? old.pages : {}), [page]: answer.runs } }));
     } catch (error) {
       if (request === requested.current) setList((old) => ({ ...old, failed: error.message }));
     }

@@ -174,6 +174,7 @@ export function Page({ query = {} }) {
     act({ type: "take", run: { ...row, role: likelyRole(row, chosen) } });
     setMode("bench");
   };
+  const compare = (run) => act({ type: "view", view: { compare: run } });
   const states = useStates(chosen);
   const unknown = chosen.find(({ run }) => states[run] === null)?.run;
   const adding = mode === "add" && chosen.length > 0;
@@ -187,7 +188,7 @@ export function Page({ query = {} }) {
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
-    ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
+    ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
     ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} models=${models} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }
