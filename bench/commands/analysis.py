@@ -54,6 +54,7 @@ def report(  # noqa: PLR0913, PLR0917 - options of one command
 
     allowed = None if limits is None else analysis.load_limits(limits)
     folder = recover(path)
+    refuse_lot(folder)
     chosen = [analysis.load_model(model) for model in models] if models else kept_models(folder.path)
     if output is not None:
         still = None if static is None else of_one(static, output)
@@ -106,6 +107,12 @@ def recover(path: Path) -> RunFolder:
     run = open_run(path)
     tell_unproven(path)
     return run
+
+
+def refuse_lot(run: RunFolder) -> None:
+    """InputError for a run folder whose calibration is that of a lot: its own rows do not give it again."""
+    if run.manifest().of_lot:
+        raise InputError("was calibrated by its lot; make it again with `bench lot`", run.path)
 
 
 def recovered(paths: Sequence[Path], output: str | None = None) -> list[record.Dataset]:

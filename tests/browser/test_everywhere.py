@@ -10,14 +10,16 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 
 from bench.base import library
+from bench.commands.lots import calibrate_lot
 from bench.mystery.mystery import make_mystery
 from bench.web.people import people
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.fleet_runs import line
 from tests.support.page_modules import catalogue
+from tests.support.run_folders import make_run, ramp_run
 from tests.support.servers import serving
 from tests.support.unit_history import UNIT, unit_with_history
-from tests.support.visiting import DESKTOP, PHONE, TABLET, picture
+from tests.support.visiting import DESKTOP, PHONE, TABLET, english, picture
 
 SEED = 7  # hides `aging`
 GRAVE = {"serious", "critical"}
@@ -44,6 +46,7 @@ PLACES = [
     Place("calibrations", "/calibrations", "h1"),
     Place("laboratory", "/laboratory?station=simulated", "#equipment"),
     Place("run", "/runs/{ended}", "#run-unit"),
+    Place("lot", "/runs/{lot}", "#run-unit"),
     Place("files", "/files?kind=profiles&id=short", "svg.curve"),
     Place("units", "/units", "table a"),
     Place("unit", "/units/{unit}", ".main-svg"),
@@ -65,7 +68,9 @@ def runs(tmp_path_factory):
     line(out, 48, odd=20)
     profiles = library()
     made = make_mystery(SEED, 1, out, profiles / "ramp_-40_85.yaml", profiles / "check_minor_loops.yaml")
-    return out, made.run, ended
+    units = [make_run(out / f"LT-{n}" / "20261101T000000Z_ramp", unit=f"LT-{n}", **ramp_run(seed=n)) for n in range(3)]
+    lot = calibrate_lot(units, "LOT-7", "polynomial", out).run
+    return out, made.run, ended, lot
 
 
 @pytest.fixture(scope="module")
@@ -87,8 +92,8 @@ def going(bench):
 @pytest.fixture
 def names(bench, runs):
     """Names in the addresses; what a test started is ended after it."""
-    mystery, ended = (f"{run.parent.name}/{run.name}" for run in runs[1:])
-    yield {"slow": SLOW_UNIT, "mystery": mystery, "ended": ended, "unit": UNIT}
+    mystery, ended, lot = (f"{run.parent.name}/{run.name}" for run in runs[1:])
+    yield {"slow": SLOW_UNIT, "mystery": mystery, "ended": ended, "lot": lot, "unit": UNIT}
     bench.end_runs()
 
 
@@ -173,6 +178,8 @@ def test_no_page_shows_a_missing_word(bench, names, visitors, language):
             picture(page, f"{place.name}-{language}")
         if found := untranslated(page.evaluate(SAID), language):
             wrong[place.name] = found
+        if place.name == "lot":
+            assert english(page) == []
     assert wrong == {}
 
 

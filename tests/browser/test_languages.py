@@ -127,9 +127,15 @@ def test_a_page_that_cannot_be_fetched(page, visitors):
     visitors.of(page).forgives = re.compile("ERR_FAILED")
     page.goto("/")
     page.locator("#serial").wait_for()
-    page.route(re.compile("/static/fleet-"), lambda route: route.abort())
-    page.locator("nav a[href='/fleet']").click()
+    asked = []
+    page.route(re.compile("/static/fleet-"), lambda route: (asked.append(1), route.abort()))
+    with page.expect_event("load"):  # the whole page once more, in case the server is a newer one
+        page.locator("nav a[href='/fleet']").click()
     page.get_by_role("alert").wait_for()
+    with page.expect_event("load"):
+        page.get_by_role("alert").get_by_role("button").click()
+    page.get_by_role("alert").wait_for()
+    assert len(asked) == 3
     assert re.search(r"[a-z]{4}", page.get_by_role("alert").inner_text()) is None
 
 

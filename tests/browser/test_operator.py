@@ -7,6 +7,7 @@ import pytest
 
 from bench.web.people import people
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
+from tests.support.servers import site_over
 from tests.support.visiting import PATIENCE_MS, PICTURES, TABLET, picture
 from tests.support.waiting import until
 
@@ -253,6 +254,26 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     steps = {round(after - before, 3) for before, after in zip(seen[2], seen[2][1:], strict=False)}
     assert steps == {points["every_s"]}, "nothing is missing of the time without a server"
     assert page.get_by_role("button", name="Abort …").is_enabled()
+
+
+def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(project, tmp_path, visitors):
+    with site_over(tmp_path, project=project) as site:
+        page = visitors.come(site.address)
+        page.goto("/units")
+        page.get_by_role("heading", name="Units").wait_for()
+        page.get_by_role("link", name="Start", exact=True).click()
+        page.locator("#serial").wait_for()
+        visitors.may_lose_the_server(page)
+        for name in ("Units", "Fleet"):  # of the one only the data are missing, of the other the page itself
+            site.end()
+            page.get_by_role("link", name=name, exact=True).click()
+            again = page.get_by_role("button", name="Try again")
+            again.wait_for()
+            again.click()
+            again.wait_for()  # the page stays, with its button
+            site.start()
+            again.wait_for(state="detached")
+            page.get_by_role("heading", name=name, exact=True).wait_for()
 
 
 def test_nothing_is_under_the_actions_of_a_small_screen(bench, visitors):

@@ -1,15 +1,16 @@
 """Units, fleet and imports in a real browser: found, looked at, opened, imported; by mouse and by keyboard."""
 
 import json
+from datetime import timedelta
 
 import numpy as np
 import pytest
 
 from bench.commands import registry_rebuild
 from bench.record import DiagnosisRecord
-from tests.support.fleet_runs import line
+from tests.support.fleet_runs import BEGIN, line
 from tests.support.servers import serving
-from tests.support.unit_history import PDF, UNIT, unit_with_history
+from tests.support.unit_history import DAYS, PDF, UNIT, unit_with_history
 from tests.support.visiting import picture
 from tests.support.waiting import until
 
@@ -136,6 +137,7 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     assert made["rows"] == 2000
     page.get_by_role("link", name="History of IMP-7").click()
     page.get_by_role("cell", name="Import", exact=True).wait_for()
+    page.get_by_role("cell", name="Import: лог 7.csv").wait_for()
 
 
 def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tmp_path):
@@ -158,12 +160,12 @@ def test_the_pages_speak_other_languages(page, language):
 
 
 def test_every_tile_of_a_unit_names_the_run_that_it_is_of(page, folder):
-    runs = [run.name for run in (folder / UNIT).iterdir()]
+    days = [f"{BEGIN + timedelta(days=day):%b %-d, %Y}, " for day in DAYS]
     page.goto(f"/units/{UNIT}")
     tiles = page.locator(".st-tiles > *")
     tiles.first.wait_for()
     told = tiles.all_inner_texts()[:3]
-    assert [text for text in told if not any(run in text for run in runs)] == []
+    assert [text for text in told if not any(f"Calibration, −40 to 85\xa0°C · {day}" in text for day in days)] == []
 
 
 def test_the_fleet_page_shows_what_models_lack_by_lot(tmp_path, visitors):

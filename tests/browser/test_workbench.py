@@ -138,6 +138,27 @@ def test_only_the_rows_in_sight_are_drawn(page):
     page.locator(".wb-active").wait_for()
 
 
+def test_a_run_is_named_by_plan_and_moment_and_found_by_what_names_it(page, mystery):
+    folder = next(mystery.glob("MYSTERY*/*_ramp_-40_85")).name
+    page.locator(".bar select").select_option("uk")
+    page.goto("/workbench")
+    page.get_by_text(f"{MANY + 3} з {MANY + 3}").wait_for()
+    for words in (f"MYSTERY {folder}", "MYSTERY ramp", "mystery калібрування завершено"):
+        page.get_by_role("combobox").last.fill("")
+        page.get_by_text(f"{MANY + 3} з {MANY + 3}").wait_for()
+        page.get_by_role("combobox").last.fill(words)
+        page.get_by_text(re.compile(rf"^1 з {MANY + 3}")).wait_for()
+    row = page.locator("[role=option]")
+    assert row.locator(".wb-row-name").inner_text() == "Калібрування, −40…85\xa0°C"
+    day = row.locator(".wb-row-day").inner_text()
+    row.click()
+    name = page.locator(".wb-chip-name")
+    assert name.inner_text() == f"Калібрування, −40…85\xa0°C · {day}"
+    page.locator("button", has_text="+ ").first.wait_for()
+    said = [*page.locator(".wb-chosen").all_inner_texts(), page.locator(".wb-x").first.get_attribute("aria-label")]
+    assert not re.search(r"ramp_|check_|\dT\d", " ".join(said))
+
+
 def test_every_figure_is_drawn_with_words(page):
     choose(page)
     words = page.locator(".wb-words")
@@ -281,9 +302,17 @@ def test_two_runs_are_compared(page):
     choose(page)
     page.get_by_role("button", name="Compare").click()
     page.get_by_role("combobox", name="Compare with").fill("MYSTERY check")
-    page.locator("[role=option]", has_text="check_minor_loops").click()
+    page.locator("[role=option]", has_text="Verification, minor loops").click()
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
+    page.reload()
+    page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
+    told = page.locator(".wb-compare").text_content()
+    assert "done, " in told
+    assert not re.search(r"duration s|\^2", told)
+    page.get_by_role("button", name="Back to the workbench").click()
+    page.reload()
+    page.locator(".wb-verdict").wait_for()
 
 
 LEGEND_ABOVE = """() => {

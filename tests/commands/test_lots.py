@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -74,6 +75,15 @@ def test_the_lot_is_a_run_folder_that_is_exported_as_others_are(made):
     done = bench("export", answer["run"], "--format", "json", "--out", folder / "export", "--json")
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["unit"] == "LOT-7"
+
+
+def test_its_calibration_is_not_replaced_by_one_of_its_rows(made):
+    _, _, answer = made
+    before = Path(answer["run"], "calibration.json").read_bytes()
+    for command in ("report", "replay"):
+        done = bench(command, answer["run"])
+        assert (done.exit_code, "was calibrated by its lot" in done.stderr) == (2, True)
+    assert Path(answer["run"], "calibration.json").read_bytes() == before
 
 
 def test_a_unit_gets_it_only_when_a_run_shows_that_it_is_like_the_lot(made):

@@ -17,7 +17,7 @@ from drivers.units import Conversion, is_unit
 _SYNONYMS = {
     "time": "time zeit uhrzeit clock t timestamp elapsed seconds timesec timens timems час время 时间 時間",
     "rate": "rate drehrate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex "
-    "ratey ratez кутовашвидкість угловаяскорость 角速度 角速率",
+    "ratey ratez кутовашвидкість угловаяскорость 角速度 角速率 зміщення зміщеннянуля смещение смещениенуля 零偏",
     "temperature": "temperature temperatur temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature "
     "unittemperature температура 温度 溫度",
     "frequency": "frequency freq resonancefrequency resonance drivefrequency f0",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime, timedelta
 from typing import Any
 
 import plotly.graph_objects as go
@@ -78,13 +79,21 @@ def figure(trend: Mapping[str, Any]) -> Plot:
     near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
     levels = [level_line(end, text, VERMILION) for end, text in near]
     layout = {
-        "xaxis": axis("UTC", type="date"),
+        "xaxis": axis("UTC", type="date") | _around({point["created"] for point in trend["points"]}),
         "yaxis": axis(f"[{in_print(trend['unit'])}]", rangemode="tozero" if min(values) >= 0 else "normal"),
         "shapes": [shape for shape, _ in levels],
         "annotations": [label for _, label in levels],
         "showlegend": True,
     }
     return plot(traces, layout, 340)
+
+
+def _around(moments: Collection[str]) -> dict[str, Any]:
+    """Two days around a single moment: by itself it gets an axis of a second."""
+    if len(moments) != 1:
+        return {}
+    moment, day = datetime.fromisoformat(*moments), timedelta(days=1)
+    return {"range": [(moment - day).isoformat(), (moment + day).isoformat()]}
 
 
 def _quantities(registry: Registry, ids: Sequence[str]) -> list[Found]:

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.base import InputError, package_versions
+from bench.commands.analysis import refuse_lot
 from bench.commands.replay.changes import Change
 from bench.commands.replay.numbers import Circumstances, numbers
 from bench.commands.replay.remake import compared, remake, tampered
@@ -56,6 +57,7 @@ def replay(path: Path, models: Sequence[str] = (), others: Sequence[Path] = ()) 
     answer, also where nothing can be made from it any more.
     """
     run = open_run(path)
+    refuse_lot(run)
     manifest = run.manifest()
     altered = tampered(run, manifest)
     analysed = CalibrationRecord.find(run.path) is not None  # one that is listed and lost is refused

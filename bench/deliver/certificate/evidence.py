@@ -140,7 +140,7 @@ def gather(
     """
     run = RunFolder(folder)
     manifest = run.manifest()
-    if manifest.profile == "lot":
+    if manifest.of_lot:
         raise InputError("no certificate: it is calibrated by its lot; a certificate rests on a whole run", folder)
     prove(folder)
     source = source_of(folder)

@@ -213,6 +213,11 @@ class Manifest(Begun, Record):
     """SHA-256 by path inside the folder."""
 
     @property
+    def of_lot(self) -> bool:
+        """Whether its rows were put together for a lot's calibration, so that it cannot be made again from them."""
+        return self.profile == "lot"
+
+    @property
     def output(self) -> str:
         """Which output of the unit the `rate` of this run is."""
         return str((self.source or {}).get("output", "rate"))

@@ -1,7 +1,7 @@
 // The page: its bar, and the current page below it.
 import { html, render, useEffect, useErrorBoundary, useState } from "./lib/preact.js";
 import { Bar } from "./lib/bar.js";
-import { get } from "./lib/api.js";
+import { ApiError, get } from "./lib/api.js";
 import { live } from "./lib/live.js";
 import { Busy, Trouble } from "./lib/parts.js";
 import { here, match, navigate, takeLinks } from "./lib/router.js";
@@ -53,6 +53,17 @@ const ROUTES = [
 /** States of the live runs, for the title of the browser's tab. */
 const statesOf = ({ runs }) => [...new Set(runs.map(stateWord))].join(", ");
 
+/** Fetch everything again where the server answers; without it the browser would show a page of its own. */
+const reload = () => get("/session").then(() => location.reload(), () => {});
+const RELOADED = "bench.reloaded";
+
+/** A page that cannot be fetched may be that of an older server: the newest one is fetched whole, by itself only once. */
+function reloadOnce(page) {
+  if (sessionStorage.getItem(RELOADED) === page) return;
+  sessionStorage.setItem(RELOADED, page);
+  reload();
+}
+
 function Place({ route, place }) {
   const [broken, mend] = useErrorBoundary((error) => console.error(error));
   const [missing, setMissing] = useState(/** @type {{page?: string, error?: Error}} */ ({}));
@@ -63,7 +74,11 @@ function Place({ route, place }) {
     PAGES[route.page]().then(({ default: page }) => {
       fetched[route.page] = page;
       redraw(route.page);
-    }, () => setMissing({ page: route.page, error: new Error(t("error.unreachable")) }));
+      sessionStorage.removeItem(RELOADED);
+    }, () => {
+      setMissing({ page: route.page, error: new ApiError(0, t("error.unreachable")) });
+      reloadOnce(route.page);
+    });
   }, [route.page]);
   const doing = useStore(live, statesOf);
   useEffect(() => {
@@ -71,8 +86,7 @@ function Place({ route, place }) {
   });
   useEffect(() => mend(), [place.path]);
   if (broken) return html`<div class="page"><${Trouble} error=${broken} retry=${mend} /></div>`;
-  // A page that cannot be fetched may be that of an older server: the newest one is fetched whole.
-  if (!Page) return html`<div class="page">${missing.page === route.page ? html`<${Trouble} error=${missing.error} retry=${() => location.reload()} />` : html`<${Busy} />`}</div>`;
+  if (!Page) return html`<div class="page">${missing.page === route.page ? html`<${Trouble} error=${missing.error} retry=${reload} />` : html`<${Busy} />`}</div>`;
   return html`<${Page} params=${route.params} query=${place.query} />`;
 }
 

@@ -91,14 +91,14 @@ class Index:
             return self._entries
 
     def matching(self, text: str, wanted: Mapping[str, str]) -> list[Entry]:
-        """Runs that hold every word of `text` somewhere and have exactly the `wanted` fields."""
-        entries, tokens = self.entries(), text.lower().split()
+        """Runs that hold every word of `text` somewhere, of `this|that` one, and have exactly the `wanted` fields."""
+        entries, tokens = self.entries(), [word.split("|") for word in text.lower().split()]
         words = self._words
         return [
             entry
             for entry in entries.values()
             if all(getattr(entry, name) == value for name, value in wanted.items())
-            and (not tokens or all(token in words[entry.run] for token in tokens))
+            and all(any(word in words[entry.run] for word in token) for token in tokens)
         ]
 
     def folder(self, unit: str, run: str) -> Path:

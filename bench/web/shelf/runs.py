@@ -43,9 +43,9 @@ Sort = Literal[
 
 
 class RunQuery(BaseModel):
-    """Every word of `q` must stand in id, profile, state, verdict or date of a run; other fields must be the same."""
+    """Every word of `q` (of `this|that` one) must stand in id, profile, state, verdict or date; others are the same."""
 
-    q: str = Field("", max_length=200)
+    q: str = Field("", max_length=1000)
     unit: str = ""
     state: str = ""
     verdict: str = ""

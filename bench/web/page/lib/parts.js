@@ -2,6 +2,7 @@
 import { html, useEffect, useLayoutEffect, useRef } from "./preact.js";
 import { t } from "./words.js";
 import { Said } from "./said.js";
+import { live } from "./live.js";
 
 /* Shapes that show a state without colour: circle, triangle, octagon, square, ring. */
 const SHAPES = {
@@ -21,12 +22,22 @@ export const Lamp = ({ tone, children }) => html`<span class=${`lamp tone-${tone
 /** Shown while something is loading. */
 export const Busy = ({ children }) => html`<p class="row" role="status"><span class="spinner"></span>${children ?? t("busy")}</p>`;
 
-/** An error message of the server. */
-export const Trouble = ({ error, retry }) =>
-  error && html`<div class="notice bad" role="alert">
+/** An error message of the server; without any answer of it, `retry` is called when it answers again. */
+export function Trouble({ error, retry }) {
+  useEffect(() => {
+    if (!retry || error?.status !== 0) return undefined;
+    let before = live.get().connected;
+    return live.subscribe(({ connected }) => {
+      const back = connected && before === false;
+      before = connected;
+      if (back) retry();
+    });
+  }, [error]);
+  return error && html`<div class="notice bad" role="alert">
     <p><${Said} text=${error.message ?? String(error)} /></p>
     ${retry && html`<p><button class="narrow" onClick=${retry}>${t("error.retry")}</button></p>`}
   </div>`;
+}
 
 /** Shown where the address names nothing: a sentence and a way on, an address or what a button does. */
 export const Unknown = ({ what, way, words }) => html`<div class="notice warn" role="alert"><p>${what}</p>

@@ -78,7 +78,7 @@ export const quantityWord = (name) => or(`units.q.${name}`, name.replaceAll("_",
 
 /** A unit (deg/h/degC) with the symbols of the language; nothing for a plain number. */
 export const symbols = (unit) =>
-  unit === "1" ? "" : or(`symbol.${unit}`, (unit ?? "").replace(/sqrt\((\w+)\)/g, "√$1").replace(/[A-Za-z]+/g, (one) => or(`symbol.${one}`, one)));
+  unit === "1" ? "" : or(`symbol.${unit}`, (unit ?? "").replace(/sqrt\((\w+)\)/g, "√$1").replace(/\^([2-5])/g, (_, power) => "²³⁴⁵"[power - 2]).replace(/[A-Za-z]+/g, (one) => or(`symbol.${one}`, one)));
 
 const formatters = new Map();
 

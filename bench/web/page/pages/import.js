@@ -99,7 +99,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
     ${table(kinds.channels.filter(there))}
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
     ${rest.length > 0 && html`<p class="soft">${t("import.rest")} ${rest.map((one) => one.name).join(", ")}</p>`}
-    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} s` })}</p>
+    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} ${symbols("s")}` })}</p>
       <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}, ${number(one.target_degc, 1)} °C, ${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
       <${Chart} figure=${shown.figure} words=${t("import.picture")} name="import" height=${340} />`}
   </section>`;
@@ -109,7 +109,7 @@ function Done({ result, again }) {
   const [unit] = result.run.split("/");
   return html`<div class="panel stack"><h2><${Lamp} tone="good">${t("import.done")}<//></h2><p class="mono">${result.run}</p>
     ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
-    <div class="row"><a class="button primary" href=${`/workbench?run=${encodeURIComponent(result.run)}`}>${t("import.to_workbench")}</a>
+    <div class="row"><a class="button primary" href=${`/workbench?run=${encodeURIComponent(result.run)}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/units/${encodeURIComponent(unit)}`}>${t("import.to_unit", { unit })}</a>
       <button onClick=${again}>${t("import.another")}</button></div></div>`;
 }

@@ -98,6 +98,9 @@ function Certificate({ path, run, again }) {
   <//>`;
 }
 
+/** Whether this is the calibration of a lot, or of a unit by its lot: its rows alone do not give it again. */
+const ofLot = (run) => run?.manifest.profile === "lot";
+
 /** Flash and verify: what moves equipment, at the station that has the unit. */
 function InTheUnit({ path, run }) {
   const { data: stations } = useGet("/stations");
@@ -128,7 +131,7 @@ function InTheUnit({ path, run }) {
   if (!may("operator")) return null;
   const options = (all) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id}>${kind ? planTitle({ id, title }) : or(`limits.${id}`, title)}</option>`);
   return html`<${Part} name="unit">
-    ${stations && !station && html`<p>${t("run.unit.nowhere", { unit: run.unit })}</p>`}
+    ${stations && !station && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
     ${station && html`<div class="run-fields">
       <div class="field"><label for="run-station">${t("papers.station")}</label><select id="run-station" value=${station} onChange=${(event) => setPlace(event.target.value)}>${there.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === station}>${title}</option>`)}</select></div>
       <${OperatorField} /></div>
@@ -146,7 +149,7 @@ export default function Run({ params }) {
   const path = url`/runs/${params.unit}/${params.run}`;
   const { data: run, error, again } = useGet(path);
   const unit = run?.unit ?? params.unit;
-  const head = html`<p class="small"><a href=${`/units/${encodeURIComponent(unit)}`}>← ${unit}</a></p>`;
+  const head = html`<p class="small"><a href=${`/units${ofLot(run) ? "?q=" : "/"}${encodeURIComponent(unit)}`}>← ${unit}</a></p>`;
   if (error?.status === 404) return html`<div class="page stack">${head}<${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
   if (!run) return html`<div class="page stack">${head}${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   const { manifest } = run;
@@ -160,8 +163,8 @@ export default function Run({ params }) {
       <a class="button" href=${`/workbench?run=${link}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/workbench?run=${link}&compare=`}>${t("run.compare")}</a></p>
     <div class="run-parts">
-      <${Certificate} path=${path} run=${run} again=${again} /><${Export} path=${path} />
-      <${InTheUnit} path=${path} run=${run} /><${Replay} path=${path} />
+      ${!ofLot(run) && html`<${Certificate} path=${path} run=${run} again=${again} />`}<${Export} path=${path} />
+      <${InTheUnit} path=${path} run=${run} />${!ofLot(run) && html`<${Replay} path=${path} />`}
     </div>
   </div>`;
 }

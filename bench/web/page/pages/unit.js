@@ -4,6 +4,7 @@ import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { duration, moment, number, quantityWord, symbols, t } from "../lib/words.js";
+import { planName, runTitle } from "./live/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
@@ -96,16 +97,13 @@ function Runs({ unit }) {
     <tbody>${unit.runs.map((run) => html`<tr key=${run.run}>
       <th scope="row">${moment(run.created)}</th>
       <td>${t(`units.kind.${run.kind}`)}</td>
-      <td>${run.profile}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
+      <td>${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
       <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;
 }
-
-/** Name of the run that a number is of. */
-const runOf = ({ run }) => run.split("/").pop();
 
 function Summary({ unit }) {
   const counts = unit.calibrations.find((one) => one.status === "in_unit") ?? unit.calibrations.find((one) => one.usable);
@@ -114,10 +112,10 @@ function Summary({ unit }) {
   const change = error && (error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${symbols(error.unit)}` }));
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
-      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}, ${runOf(counts)}` : t("units.tile.no_calibration")} />
-    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runOf(counts)].filter(Boolean).join(", ")} />
+      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
+    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runTitle(counts.run)].filter(Boolean).join("; ")} />
     ${error && html`<${Tile} what=${quantityWord("residual_rms_dph")} value=${sig(error.last)} unit=${symbols(error.unit)} tone=${error.outside ? "bad" : undefined}
-      more=${`${runOf(error.points[error.points.length - 1])}; ${change}`} />`}
+      more=${`${runTitle(error.points[error.points.length - 1].run)}; ${change}`} />`}
     <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;
 }
@@ -131,7 +129,7 @@ export default function Unit({ params }) {
   if (error) return html`<div class="page stack">${head}<h1>${params.serial}</h1><${Trouble} error=${error} retry=${again} /></div>`;
   if (!unit) return html`<div class="page stack">${head}<${Busy} /></div>`;
   return html`<div class="page stack">${head}
-    <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<span class="soft">${t("units.lot")} ${unit.lot}</span>`}</div>
+    <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<a class="soft" href=${`/units?q=${encodeURIComponent(unit.lot)}`}>${t("units.lot")} ${unit.lot}</a>`}</div>
     <${Summary} unit=${unit} />
     <section class="stack" aria-labelledby="calibrations"><h2 id="calibrations">${t("units.calibrations")}</h2>
       ${unit.calibrations.length ? html`<ol class="st-cards">${unit.calibrations.map((one) => html`<${Calibration} key=${one.run} one=${one} serial=${unit.serial} />`)}</ol>` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>

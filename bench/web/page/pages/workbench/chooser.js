@@ -1,15 +1,30 @@
 // Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
-import { html, t, or, api, moment, number, runName, useEffect, useRef, useState } from "./parts.js";
+import { html, t, or, api, moment, number, useEffect, useRef, useState } from "./parts.js";
 import { Said } from "../../lib/said.js";
+import { planName } from "../live/words.js";
 
 const ROW_PX = 52;
 const PAGE = 100;
 const SPARE = 6;
 const PAUSE_MS = 70;
 
+/** What the server calls the plans, verdicts and states of its runs, each with what the reader sees; of an import the first word. */
+const namesOf = ({ profiles, verdicts, states }) => [
+  ...profiles.map((profile) => [profile.split(" ")[0], planName({ profile })]),
+  ...verdicts.map((verdict) => [verdict, or(`units.word.${verdict}`, verdict)]),
+  ...states.map((state) => [state, or(`units.state.${state}`, state)]),
+];
+
+/** What the server searches for: each word as it was typed, or what it names in this language. */
+const wanted = (text, names) => text.trim().toLowerCase().split(/\s+/).map((word) => {
+  const named = names.filter(([, seen]) => word.length > 1 && seen.toLowerCase().includes(word));
+  return [...new Set([word, ...named.map(([name]) => name)])].join("|");
+}).join(" ");
+
 /** Rows of a filtered list, fetched one page at a time; `at(i)` is undefined until its page is loaded. */
-function useRows(query) {
-  const [list, setList] = useState({ query: null, total: 0, matched: 0, pages: {}, failed: "" });
+function useRows(text) {
+  const [list, setList] = useState({ query: null, total: 0, matched: 0, pages: {}, failed: "", names: [] });
+  const query = wanted(text, list.names);
   const requested = useRef({ query: null, pages: new Set() });
   const fetchPage = async (page) => {
     if (requested.current.pages.has(page)) return;
@@ -18,7 +33,7 @@ function useRows(query) {
     try {
       const answer = await api.get(`/runs${api.query({ q: query, limit: PAGE, offset: page * PAGE })}`);
       if (request !== requested.current) return;
-      setList((old) => ({ query, total: answer.total, matched: answer.matched, failed: "", pages: { ...(old.query === query ? old.pages : {}), [page]: answer.runs } }));
+      setList((old) => ({ query, names: namesOf(answer), total: answer.total, matched: answer.matched, failed: "", pages: { ...(old.query === query ? old.pages : {}), [page]: answer.runs } }));
     } catch (error) {
       if (request === requested.current) setList((old) => ({ ...old, failed: error.message }));
     }
@@ -38,7 +53,7 @@ function Row({ row, index, active, count, taken, onChoose }) {
   return html`<div id=${`wb-row-${index}`} class=${`wb-row ${active ? "wb-active" : ""}`} style=${style} role="option" aria-setsize=${count}
       aria-posinset=${index + 1} aria-selected=${taken ? "true" : "false"} onClick=${() => onChoose(row)} data-run=${row.run}>
     <span class="wb-row-unit">${taken ? "✓ " : ""}${row.unit}</span>
-    <span class="wb-row-name">${row.profile ?? runName(row.run)}</span>
+    <span class="wb-row-name">${planName(row)}</span>
     <span class="wb-row-day">${row.start ? moment(row.start) : ""}</span>
     <span class="wb-row-state">${row.verdict ? or(`units.word.${row.verdict}`, row.verdict) : or(`units.state.${row.state}`, row.state)}</span>
     <span class="wb-row-error">${ratio === null ? "" : t("workbench.chooser.ratio", { ratio: number(ratio, 2) })}</span>

@@ -1,13 +1,13 @@
 // The chosen runs, each with its role: fitted, held out, isothermal for the noise, or isothermal of a unit like it.
-import { html, t, runName, unitOf } from "./parts.js";
+import { html, or, t, runTitle, unitOf } from "./parts.js";
 import { ROLES } from "./state.js";
 
 const WORDS = () => ({ fit: t("workbench.role.fit"), check: t("workbench.role.check"), static: t("workbench.role.static"), sister: t("workbench.role.sister") });
 const HINTS = () => ({ fit: t("workbench.role.fit_hint"), check: t("workbench.role.check_hint"), static: t("workbench.role.static_hint"), sister: t("workbench.role.sister_hint") });
 const SHAPES = { fit: "●", check: "◇", static: "▬", sister: "▭" };
 
-/** `chosen`, `offered`: [{run, role}]; a run that is offered is used only after a click, because it changes the numbers. The bar also opens the list again, to add a run or to start with another one. */
-export function Chosen({ chosen, offered, act, onAdd, onOther, onCompare }) {
+/** `chosen`, `offered`: [{run, role}]; `states`: of runs by their ids; a run that is offered is used only after a click, because it changes the numbers. The bar also opens the list again, to add a run or to start with another one. */
+export function Chosen({ chosen, states, offered, act, onAdd, onOther, onCompare }) {
   const words = WORDS();
   const hints = HINTS();
   const more = offered.filter((one) => !chosen.some(({ run }) => run === one.run) && chosen.some(({ run }) => unitOf(run) === unitOf(one.run)));
@@ -16,14 +16,14 @@ export function Chosen({ chosen, offered, act, onAdd, onOther, onCompare }) {
     ${units.length === 1 && html`<b class="wb-unit">${units[0]}</b>`}
     <ul>${chosen.map((one) => html`<li key=${one.run} class=${`wb-chip wb-role-${one.role}`} title=${hints[one.role]}>
       <span class="wb-shape" aria-hidden="true">${SHAPES[one.role]}</span>
-      <span class="wb-chip-name">${units.length > 1 && html`<b>${unitOf(one.run)}</b> `}${runName(one.run)}</span>
-      <select value=${one.role} aria-label=${t("workbench.role.of", { run: one.run })} onChange=${(event) => act({ type: "role", run: one.run, role: event.target.value })}>
+      <a class="wb-chip-name" href=${`/runs/${one.run}`}>${units.length > 1 && html`<b>${unitOf(one.run)}</b> `}${runTitle(one.run)}${states[one.run] && states[one.run] !== "done" && html` <span class="wb-soft">· ${or(`units.state.${states[one.run]}`, states[one.run])}</span>`}</a>
+      <select value=${one.role} aria-label=${t("workbench.role.of", { run: runTitle(one.run) })} onChange=${(event) => act({ type: "role", run: one.run, role: event.target.value })}>
         ${ROLES.map((role) => html`<option key=${role} value=${role} selected=${role === one.role}>${words[role]}</option>`)}
       </select>
-      <button type="button" class="wb-x" aria-label=${t("workbench.chosen.drop", { run: one.run })} onClick=${() => act({ type: "drop", run: one.run })}>×</button>
+      <button type="button" class="wb-x" aria-label=${t("workbench.chosen.drop", { run: runTitle(one.run) })} onClick=${() => act({ type: "drop", run: one.run })}>×</button>
     </li>`)}</ul>
     ${more.map((one) => html`<button type="button" key=${one.run} class="narrow" title=${hints[one.role]} onClick=${() => act({ type: "take", run: one })}>
-      + ${t("workbench.chosen.use", { run: runName(one.run), role: words[one.role] })}</button>`)}
+      + ${t("workbench.chosen.use", { run: runTitle(one.run), role: words[one.role] })}</button>`)}
     <div class="wb-chosen-tools">
       <button type="button" class="narrow" onClick=${onAdd}>${t("workbench.chosen.add")}</button>
       <button type="button" class="narrow" onClick=${onCompare}>${t("workbench.chosen.compare")}</button>

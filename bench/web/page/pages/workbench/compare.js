@@ -1,5 +1,5 @@
 // Two runs side by side, of one unit or of two: only the differences, largest first.
-import { html, t, number, runName, unitOf, useState } from "./parts.js";
+import { duration, html, or, t, number, runTitle, unitOf } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
@@ -21,7 +21,7 @@ const PARTS = () => ({
 
 const OPEN = ["quantities", "coefficients"];
 
-/** Content of a cell as text: 4 digits, a value with its interval, `key value` of an object. */
+/** Content of a cell as text: 4 digits, a value with its interval, outcome and duration of a segment, `key value` of another object. */
 function cell(value) {
   if (value === null || value === undefined) return "–";
   if (typeof value === "number") return number(value, 4);
@@ -33,6 +33,7 @@ function cell(value) {
     const spread = low !== null && high !== null && low !== high ? ` (${number(low, 3)} … ${number(high, 3)})` : "";
     return middle === null ? reason || "–" : `${number(middle, 4)}${spread}`;
   }
+  if ("duration_s" in value) return `${or(`units.state.${value.outcome}`, value.outcome)}, ${duration(value.duration_s)}`;
   return Object.entries(value).map(([key, inner]) => `${key.replaceAll("_", " ")} ${cell(inner)}`).join(", ");
 }
 
@@ -80,17 +81,16 @@ function Pictured({ a, b, difference }) {
   </div>`;
 }
 
-/** `a` is a run id; the other one is chosen here. */
-export function Compare({ a, onClose }) {
-  const [b, setB] = useState(null);
+/** `a` and `b` are run ids; `setB` chooses the other one, none at first. */
+export function Compare({ a, b, setB, onClose }) {
   const job = useJob("/differences", b ? { a, b } : null);
   const parts = PARTS();
-  const told = (run) => html`<b>${unitOf(run)}</b> ${runName(run)}`;
+  const told = (run) => html`<b>${unitOf(run)}</b> ${runTitle(run)}`;
   const found = job.result;
   const differing = found ? Object.keys(parts).filter((key) => found[key] && (rowsOf(found[key]).length || found[key].reason)) : [];
   return html`<div class="wb-compare">
     <div class="wb-card-head"><h2>${t("workbench.compare.title")}</h2><button type="button" class="narrow" onClick=${onClose}>${t("workbench.compare.close")}</button></div>
-    <p class="wb-pair"><span>A ${told(a)}</span> ${b && html`<span>B ${told(b)} <button type="button" class="wb-link" onClick=${() => setB(null)}>${t("workbench.compare.another")}</button></span>`}</p>
+    <p class="wb-pair"><span>A ${told(a)}</span> ${b && html`<span>B ${told(b)} <button type="button" class="wb-link" onClick=${() => setB("")}>${t("workbench.compare.another")}</button></span>`}</p>
     ${!b && html`<${Chooser} label=${t("workbench.compare.choose")} taken=${new Set([a])} onChoose=${(row) => row.run !== a && setB(row.run)} />`}
     ${b && html`<${Pictured} a=${a} b=${b} difference=${found?.figure} />`}
     ${job.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.compare.running")}</p>`}

@@ -1,5 +1,5 @@
 // The engineer's workbench: choose a run, see where the model fails and what is missing, add it, compare the error.
-import { html, t, api, number, runName, useEffect, useRef, useState, unitOf } from "./parts.js";
+import { html, t, api, number, runTitle, useEffect, useRef, useState, unitOf } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
@@ -64,7 +64,7 @@ function Standing({ session, analysis, floor }) {
         <button type="button" class="narrow" disabled=${!undone} aria-keyshortcuts="Control+Shift+Z" onClick=${() => act({ type: "redo" })}>↷ ${t("workbench.model.redo")}</button></span>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert"><${Said} text=${analysis.failed} /></p>`}
     ${last && html`<div class="wb-tiles" role="status">
-      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runName).join(", ")}` : ""}`} />
+      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runTitle).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
     </div>`}
@@ -132,16 +132,17 @@ function Bench({ session, models }) {
   </div>`;
 }
 
-/** The first of the chosen runs that the server does not have, as after a mistyped address; null without one. */
-function useUnknown(chosen) {
-  const [missing, setMissing] = useState([]);
+/** States of the chosen runs by their ids; null for one that the server does not have, as after a mistyped address. */
+function useStates(chosen) {
+  const [states, setStates] = useState({});
   useEffect(() => {
     for (const { run } of chosen) {
       const [unit, folder] = run.split("/");
-      api.get(api.url`/runs/${unit}/${folder ?? ""}`).catch((error) => error.status === 404 && setMissing((before) => [...before, run]));
+      const told = (state) => setStates((before) => ({ ...before, [run]: state }));
+      api.get(api.url`/runs/${unit}/${folder ?? ""}`).then((found) => told(found.state), (error) => error.status === 404 && told(null));
     }
   }, [chosen.map(({ run }) => run).join()]);
-  return chosen.find(({ run }) => missing.includes(run))?.run ?? null;
+  return states;
 }
 
 /** Runs that belong to this one, each with its role. */
@@ -173,19 +174,21 @@ export function Page({ query = {} }) {
     act({ type: "take", run: { ...row, role: likelyRole(row, chosen) } });
     setMode("bench");
   };
-  const unknown = useUnknown(chosen);
+  const compare = (run) => act({ type: "view", view: { compare: run } });
+  const states = useStates(chosen);
+  const unknown = chosen.find(({ run }) => states[run] === null)?.run;
   const adding = mode === "add" && chosen.length > 0;
   const choosing = !chosen.length || mode === "other" || adding;
   const taken = new Set(chosen.map((one) => one.run));
   return html`<div class="wb">
     <h1 class=${choosing ? "" : "unseen"}>${t("workbench.title")}</h1>
     ${choosing && !adding && html`<p class="wb-lead">${t("workbench.lead")}</p>`}
-    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
+    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} states=${states} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
-    ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} onClose=${() => setMode("bench")} />`}
+    ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
     ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} models=${models} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }

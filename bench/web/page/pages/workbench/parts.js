@@ -4,7 +4,8 @@ import { duration, language, moment, number as plain, or, symbols, t } from "../
 import * as api from "../../lib/api.js";
 import { onTheme, palette } from "../../lib/figure.js";
 import { useEffect, useState } from "../../lib/preact.js";
-export { api, duration, moment, or, t };
+import { runTitle } from "../live/words.js";
+export { api, duration, moment, or, runTitle, t };
 
 /** A number with a few significant digits, or a dash without one. */
 export const number = (value, digits = 3) =>
@@ -29,6 +30,4 @@ export function usePalette() {
   return palette();
 }
 
-/** Folder of a run without its time stamp. */
-export const runName = (run) => run.split("/").pop().replace(/^\d{8}T\d{6}Z_/, "");
 export const unitOf = (run) => run.split("/")[0];

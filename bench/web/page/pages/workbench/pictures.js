@@ -1,5 +1,5 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { duration, html, number, runName, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { duration, html, number, runTitle, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
 import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
@@ -120,7 +120,7 @@ function Choices({ session, kind, of, axes }) {
     ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline"><span class="unseen">${t("workbench.figure.shown")}</span>
       <select value=${of} onChange=${(event) => view({ of: event.target.value })}>
         ${kind === "axes" && html`<option value=${EVERY} selected=${of === EVERY}>${t("workbench.figure.all_runs")}</option>`}
-        ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runName(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
+        ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runTitle(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
       </select></label>`}
     ${kind === "loop" && html`<label class="wb-inline"><input type="checkbox" checked=${left !== ""} onChange=${(event) => view({ left: event.target.checked ? "yes" : "" })} />${t("workbench.figure.left")}</label>`}
     ${kind === "axes" && html`<label class="wb-inline">${t("workbench.figure.over")}
