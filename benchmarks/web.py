@@ -239,7 +239,7 @@ def hidden_effect(browser: Browser, out: Path) -> list[Row]:
         page.goto("/")
         page.evaluate("addEventListener('click', () => clicked(), true)")
         page.get_by_role("link", name="Workbench").click()
-        run = page.locator("[role=option]", has_text="ramp_-40_85").first
+        run = page.locator("[data-run*=ramp_-40_85]").first
         run.wait_for()
         sleep(READ_S)
         chosen = perf_counter()
