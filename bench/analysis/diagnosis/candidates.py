@@ -44,12 +44,9 @@ class Candidate:
     many: Callable[[Sequence[Theta]], FloatArray] | None = field(default=None, repr=False)
     """`columns` of many parameters at once (n, many, k), where that is faster."""
 
-    def on_grid(self) -> tuple[list[Theta], FloatArray]:
-        """The grid, and the columns, or their shift, at each of its points (n, points, k)."""
-        grid = self.grid()
-        if self.many:
-            return grid, self.many(grid)
-        return grid, np.stack([(self.shift or self.columns)(theta) for theta in grid], axis=1)
+    def on(self, grid: Sequence[Theta]) -> FloatArray:
+        """The columns, or their shift, at each point of a grid (n, points, k)."""
+        return self.many(grid) if self.many else np.stack([(self.shift or self.columns)(one) for one in grid], axis=1)
 
     def grid(self) -> list[Theta]:
         """Parameters to try, the same number of steps to each; one empty tuple where there are none."""

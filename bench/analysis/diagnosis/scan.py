@@ -6,11 +6,9 @@ base once; what remains for each response (the run, or simulated nulls) are inne
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import groupby
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -29,6 +27,8 @@ _COLUMNS = 256  # at once, at least: many more do not fit the cache
 
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
 """What the columns of an entry do with the base: stand beside it, change its curve as they are, or replace it."""
+_SINGLES = _ADDS, 1
+"""Most entries: one column that stands beside the base."""
 
 
 @dataclass(frozen=True)
@@ -61,27 +61,34 @@ class Library:
 
     def __init__(self, problem: Problem, candidates: Sequence[Candidate]) -> None:
         """Columns are computed here once; every later step only whitens them."""
-        listed = [candidate.on_grid() for candidate in candidates]
-        counts = [len(grid) for grid, _ in listed]
-        uses = [_use(candidate) for candidate in candidates]
+        grids = [candidate.grid() for candidate in candidates]
         self.problem = problem
-        self.entries = tuple((index, theta) for index, (grid, _) in enumerate(listed) for theta in grid)
-        self.widths = np.repeat([columns.shape[2] for _, columns in listed], counts)
-        self.replaces = np.repeat([use == _REPLACES for use in uses], counts)
+        self.entries = tuple((index, theta) for index, grid in enumerate(grids) for theta in grid)
+        self.replaces = np.repeat([_use(candidate) == _REPLACES for candidate in candidates], [len(g) for g in grids])
+        self.widths = np.ones(len(self.entries), dtype=np.int64)
         self._shares = np.ones(len(self.entries))  # of the variance of single columns outside the base
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
-        entries = np.split(np.arange(len(self.entries)), np.cumsum(counts, dtype=np.int64))[:-1]
         alike: dict[tuple[str, int], list[tuple[IntArray, FloatArray]]] = {}
-        for use, (_, columns), which in zip(uses, listed, entries, strict=True):
-            flat = columns.reshape(len(columns), -1)
-            alike.setdefault((use, columns.shape[2]), []).append((which, flat))
-        basis = orthonormal(problem.base)
+        basis, end = orthonormal(problem.base), 0
+        for candidate, grid in zip(candidates, grids, strict=True):
+            columns = candidate.on(grid)
+            use, width = _use(candidate), columns.shape[2]
+            which = np.arange(end, end + len(grid))
+            end += len(grid)
+            self.widths[which] = width
+            own = alike.setdefault((use, width), [])
+            own.append((which, columns.reshape(len(columns), -1)))
+            if (use, width) == _SINGLES and sum(len(each) for each, _ in own) >= _COLUMNS:
+                self._stack(*_SINGLES, alike.pop(_SINGLES), basis)  # as they come: all of them are large
         for (use, width), own in alike.items():
-            single = use == _ADDS and width == 1
-            for which, columns in _pieces(own) if single else [_joined(own)]:
-                if single:
-                    self._shares[which], columns = _beside(basis, columns)  # noqa: PLW2901 - of the same entries
-                self._stacks.append((which, use, width, columns))
+            self._stack(use, width, own, basis)
+
+    def _stack(self, use: str, width: int, parts: Sequence[tuple[IntArray, FloatArray]], basis: FloatArray) -> None:
+        """Keep entries and their columns (n, k) in one; of single columns that are added what is beside the base."""
+        which, columns = np.concatenate([each for each, _ in parts]), np.hstack([own for _, own in parts])
+        if (use, width) == _SINGLES:
+            self._shares[which], columns = _beside(basis, columns)
+        self._stacks.append((which, use, width, columns))
 
     def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
         """What the parameters of every entry cost in evidence (entries,)."""
@@ -156,7 +163,7 @@ class Library:
         few = q.T.astype(_SINGLE), residual.astype(_SINGLE)
         for which, use, width, stacked in self._stacks:
             columns = way.apply(stacked)
-            if use == _ADDS and width == 1:
+            if (use, width) == _SINGLES:
                 excited[which] = self._shares[which]
                 gain, volumes[which] = _single(columns, *few)
                 rss[which] = np.maximum(rss0 - gain, 1e-300)
@@ -201,18 +208,6 @@ def _explained(columns: FloatArray, width: int, response: FloatArray) -> tuple[F
     volume = np.log(np.where(known, values, 1.0)).sum(axis=1)
     volume += 2.0 * np.log(np.where(present, norms[:, :, 0], 1.0)).sum(axis=1)
     return np.asarray(np.einsum("gk,gkm->gm", inverse, turned**2)), np.asarray(volume)
-
-
-def _joined(parts: Sequence[tuple[IntArray, FloatArray]]) -> tuple[IntArray, FloatArray]:
-    """Entries and their columns (n, k) in one."""
-    return np.concatenate([which for which, _ in parts]), np.hstack([columns for _, columns in parts])
-
-
-def _pieces(parts: Sequence[tuple[IntArray, FloatArray]]) -> Iterator[tuple[IntArray, FloatArray]]:
-    """The same in pieces of about so many columns as fit the cache, in their order."""
-    sizes = np.cumsum([columns.shape[1] for _, columns in parts])
-    for _, own in groupby(zip(sizes // _COLUMNS, parts, strict=True), key=itemgetter(0)):
-        yield _joined([part for _, part in own])
 
 
 def _beside(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
