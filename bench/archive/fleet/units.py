@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from sys import intern
 from typing import overload
 
@@ -20,9 +20,9 @@ from bench.analysis import Limits, Quantity, judge_limits
 from bench.archive.fleet.groups import Coded, ObjectArray, coded
 from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, profile_of
 from bench.archive.registry.asking import once
-from bench.archive.registry.opening import Registry
+from bench.archive.registry.opening import Registry, open_registry
 from bench.archive.registry.writing import TABLES
-from bench.base import FloatArray, InputError, IntArray
+from bench.base import Aside, FloatArray, InputError, IntArray, usual_workers
 from bench.record import Verdict
 
 NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
@@ -30,6 +30,8 @@ NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
 
 _AT_ONCE = 10_000
 """Runs that are read together."""
+_LARGE = 100 << 20
+"""Size of a registry [B] from which a second processor sums up the quantities while the runs are read."""
 _UNIQUE = ("id", "unit", "created")
 """Columns in which most runs differ; of the others each word is kept once."""
 
@@ -183,9 +185,11 @@ def selected(
     except re.error as error:
         raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     selection = selection or Selection()
-    with ThreadPoolExecutor(1) as aside:  # the database sums up the quantities while the runs are read
-        table = aside.submit(_quantities, registry, selection.among())
-        columns = _columns(registry, selection.among())
+    among, large = selection.among(), registry.bytes > _LARGE
+    work = partial(_of_a_copy if large else _quantities, registry, among)
+    with closing(Aside(work, usual_workers() if large else 1)) as aside:
+        columns = _columns(registry, among)
+        units, ids, values = aside.answer()
     if pattern:
         matching = np.array([wanted.fullmatch(unit) is not None for unit in columns["unit"]], dtype=bool)
         columns = {name: column[matching] for name, column in columns.items()}
@@ -195,7 +199,6 @@ def selected(
         raise NoUnitError(
             f"no calibrated unit{f' matches {pattern}' if pattern else ''}{why}; `bench registry list`", registry.url
         )
-    units, ids, values = table.result()
     places = {name: place for place, name in enumerate(units)}
     return Runs(columns, places, _placed(ids, values, columns["id"]), rows), units, left_out
 
@@ -253,6 +256,14 @@ def _quantities(
             ids += own
             values.append(np.array(columns, dtype=np.float64).T)
     return units, ids, np.concatenate([np.empty((0, len(units))), *values])
+
+
+def _of_a_copy(
+    registry: Registry, among: Sequence[ColumnElement[bool]]
+) -> tuple[dict[str, str], list[str], FloatArray]:
+    """The same in a copy of this process, which opens the file anew: connections of SQLite are not shared."""
+    with open_registry(registry.url) as own:
+        return _quantities(own, among)
 
 
 def _placed(ids: Sequence[str], values: FloatArray, runs: ObjectArray) -> FloatArray:
