@@ -188,11 +188,9 @@ def propose(
         # What the chamber can tell comes first: nobody has to be there.
         return _leaving_open(_designed(layout, thermal, noise, limits), [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})
-    if channels:
-        names = tuple(rival.name for rival in rivals)
-        plan, why = exciting(limits, channels, names)
-        return replace(_proposal(plan, limits, names, why, use="by_hand"), channels=tuple(channels))
-    return _designed(layout, rivals, noise, limits)
+    names = tuple(rival.name for rival in rivals)
+    plan, why = exciting(limits, channels, names)
+    return replace(_proposal(plan, limits, names, why, use="by_hand"), channels=tuple(channels))
 
 
 def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
