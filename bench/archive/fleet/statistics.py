@@ -16,7 +16,7 @@ from bench.analysis import Limits, one_blas_thread
 from bench.archive.fleet.capability import Capability, capability, proportion
 from bench.archive.fleet.charts import Chart, chart
 from bench.archive.fleet.drift import SIGNIFICANT, Drift, Levelled, corrected, drifts
-from bench.archive.fleet.groups import ObjectArray
+from bench.archive.fleet.groups import Coded, ObjectArray
 from bench.archive.fleet.shifts import ControlChart, Shift, charts_for, latest, shifts
 from bench.archive.fleet.units import Fleet, decided, good, words
 from bench.archive.fleet.unlike import Odd, unlike
@@ -122,13 +122,12 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
     verdicts = tuple(words(fleet.newest, limits).tolist())
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
-    # The quantities are judged apart, by as many processes as there are processors: a million units take half a minute.
-    names, workers = sorted(fleet.units), usual_workers() if len(fleet.newest) > _MANY else 1
-    tasks = [partial(_measured, fleet, name, *bounds.get(name, (None, None))) for name in names]
-    measured = tuple(shared(tasks, workers))
+    measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
     charts = charts_for(sum(one.values.size for one in measured if one.chart is not None))
-    fleet.stations, fleet.lots, fleet.newest.time_s  # noqa: B018 - made once, for all processes
-    moves = shared([partial(_moves, fleet, one, charts) for one in measured if one.chart is not None], workers)
+    place = fleet.newest.time_s, fleet.stations, fleet.lots
+    # The quantities are judged apart, by as many processes as there are processors: a million units take half a minute.
+    tasks = [partial(_moves, one, charts, *place) for one in measured if one.chart is not None]
+    moves = shared(tasks, usual_workers() if len(fleet.newest) > _MANY else 1)
     found = [drift for drifting, _ in moves for drift in drifting]
     moved = [shift for _, shifting in moves for shift in shifting]
     whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
@@ -142,11 +141,12 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
                       tuple(sorted(moved, key=lambda one: one.since)), charts)  # fmt: skip
 
 
-def _moves(fleet: Fleet, one: Measured, charts: tuple[ControlChart, ...]) -> tuple[list[Drift], list[Shift]]:
-    """Drifts and shifts of one quantity."""
+def _moves(
+    one: Measured, charts: tuple[ControlChart, ...], time_s: FloatArray, stations: Coded, lots: Coded
+) -> tuple[list[Drift], list[Shift]]:
+    """Drifts and shifts of one quantity; times (n,), stations and lots are those of the whole fleet."""
     rows = one.rows
-    times, stations, lots = fleet.newest.time_s[rows], fleet.stations.at(rows), fleet.lots.at(rows)
-    levelled = Levelled.of(one.values, times, stations, lots, rows)
+    levelled = Levelled.of(one.values, time_s[rows], stations.at(rows), lots.at(rows), rows)
     if levelled is None:
         return [], []
     now = latest(levelled, charts)
