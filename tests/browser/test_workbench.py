@@ -245,19 +245,17 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
 def test_what_is_being_typed_stays_while_the_page_is_drawn_again(page):
     held = []
 
-    def hold(route):
-        """The pictures of the diagnosis wait; its brief form passes."""
-        late = "brief" not in (route.request.post_data_json or {})
-        held.append(route) if late else route.continue_()
+    def pictured(request):
+        """Whether a request is for the pictures of the diagnosis, not for its brief form."""
+        return request.url.endswith("/diagnoses") and "brief" not in (request.post_data_json or {})
 
-    page.route("**/diagnoses", hold)
-    choose(page)
-    diagnosed(page)
+    page.route("**/diagnoses", lambda route: held.append(route) if pictured(route.request) else route.continue_())
+    with page.expect_request(pictured):
+        choose(page)
+        diagnosed(page)
     box = page.get_by_label(re.compile("intervals", re.IGNORECASE)).first
     box.press("Control+A")
     box.press_sequentially("12")
-    while not held:
-        page.wait_for_timeout(50)
     held[0].continue_()
     page.locator(".wb-further").wait_for()
     assert box.input_value() == "12"

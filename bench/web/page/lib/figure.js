@@ -1,7 +1,7 @@
 // One figure: plotly drawn from JSON in the page's colours, with its description, keyboard control and file export.
 //
-// Plotly is fetched as soon as there is a place for a figure, while its data are computed. A figure is updated by Plotly.react, never recreated: a figure
-// that is recreated loses its zoom and has leaked memory in the past.
+// Plotly is fetched as soon as there is a place for a figure, while its data are computed. A figure is updated by
+// Plotly.react, never recreated: a figure that is recreated loses its zoom and has leaked memory in the past.
 import { saveCsv, savePng, saveSvg } from "./download.js";
 
 /** @type {[number, number]} */
