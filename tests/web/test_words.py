@@ -222,11 +222,10 @@ def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:
         assert not re.search(r"[A-Za-z]{2,}|[{}]", text), text
     english = spoken("pages/workbench/sentence.js", "reasons", cases[-2:], "en")
     assert english[0][1:] == [
-        "The expected gap of the two that are hardest to tell apart goes from 2 to 60.",
-        "Diagnose all runs together after it, and again if it does not decide. If one of them alone is the cause, "
-        "three such runs decide with a probability of 99 %.",
+        "Diagnose all runs together after it, and again if it does not decide: three such runs decide with a "
+        "probability of 99 %.",
     ]
-    assert "No profile within the limits of the chamber can tell them apart" in english[1][1]
+    assert "No profile within the limits of the chamber can tell them apart" in english[1][0]
 
 
 def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() -> None:

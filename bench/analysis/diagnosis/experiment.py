@@ -35,7 +35,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
-from bench.base import InputError, finite, listed, number, shared, usual_workers
+from bench.base import InputError, finite, listed, shared, usual_workers
 from bench.record import Dataset
 
 _PREDICTABLE = {"time", "temperature", "chamber_temperature", "chamber_setpoint"}
@@ -216,23 +216,18 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     names = tuple(rival.name for rival in rivals)
     often = after.after(before, _MOST_RUNS).probability
     tried = len(library) + len(longer) - _CLOSELY
-    gaps = " to ".join(number(round(one.gap, 1), 2) for one in (before, after))
-    chances = f"{before.probability:.0%} to {after.probability:.0%}"
-    promise = (
-        "if one of them alone is the cause, over what the runs leave open of sizes, time constants and noise, the "
-        f"expected gap of the two that are hardest to tell apart goes from {gaps}, and the probability of a decision "
-        f"from {chances}"
-    )
+    promise = f"with a probability of {after.probability:.0%} ({before.probability:.0%} without it"
     if often < _HOPELESS:
         why = (
-            f"no profile within the limits of the chamber and {limits.budget_min / 60.0:g} h can tell them apart: with "
-            f"the best of {tried} tried, {promise}, and after {_MOST_RUNS} such runs it is {often:.0%}"
+            f"no profile within the limits of the chamber and {limits.budget_min / 60.0:g} h can tell {listed(names)} "
+            f"apart: the best of {tried} tried decides with a probability of {after.probability:.0%}, and "
+            f"{_MOST_RUNS} such runs with {often:.0%}"
         )
     elif after.probability >= _ENOUGH:
-        why = f"{plan.reason}. Of {tried} profiles tried it is the shortest that decides: {promise}"
+        why = f"{plan.reason}. Of {tried} profiles tried it is the shortest that decides: {promise})"
     else:
-        why = f"{plan.reason}. Of {tried} profiles tried it is the best: {promise}; diagnose all runs together after it"
-        why += f", and again if it does not decide ({_MOST_RUNS} such runs: {often:.0%})"
+        why = f"{plan.reason}. Of {tried} profiles tried it is the best: it decides {promise}, {often:.0%} after "
+        why += f"{_MOST_RUNS} such runs); diagnose all runs together after it"
     found = _proposal(plan, limits, names, why, (before.gap, after.gap))
     return replace(
         found, expected=(before.probability, after.probability), after_repeats=often, decides=often >= _HOPELESS

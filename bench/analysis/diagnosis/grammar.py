@@ -22,6 +22,7 @@ from bench.record import Dataset
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _MOST_DEGREE = 2  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
+_SET_POINTS = (0.15, 0.35, 0.45, 0.5, 0.55, 0.65, 0.85)  # quantiles of a channel that a loop may hold
 _PERIODS = 48  # of a line over temperature
 _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
             *(name for name in INSTRUMENTS[1:] if "temperature" not in name))  # fmt: skip
@@ -243,12 +244,13 @@ class Grammar:
                      drives=True)  # fmt: skip
 
     def _wound(self, name: str) -> Block:
-        """An integral of a channel that runs into its limits."""
+        """An integral of a channel that runs into its limits: a loop integrates what is left about its set point."""
         low, high = self._range(name)
+        points = np.quantile(np.concatenate(self._parts(lambda record: record.channel(name))), _SET_POINTS)
         summed = f"total(({name} - {{centre}}))"
         most = (high - low) * self.length_s / 3600.0
         ends = (0.0002 * most, 0.5 * most)
-        tried = tuple((*one, share * most) for one in _inner(low, high, 9) for share in (0.002, 0.006, 0.02, 0.08))
+        tried = tuple((float(c), share * most) for c in points for share in (0.002, 0.006, 0.02, 0.08))
         bounds = (("centre", (low, high)), ("width", ends))
         return Block(f"({summed} - play({summed}, {{width}}))", f"an integral of the {name} between two limits",
                      f"{unit_of(name)} h", bounds, tried, places=1)  # fmt: skip

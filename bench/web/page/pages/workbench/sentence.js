@@ -68,11 +68,11 @@ export function reasons(next) {
   }
   if (next.use !== "run") return [t(`workbench.why.${next.use}`)];
   if (next.predicted_before === null) return [t("workbench.why.thermal")];
-  const after = percent(next.probability_after_repeats);
+  const [after, often] = [next.probability_after, next.probability_after_repeats].map(percent);
+  if (!next.decides) return [t("workbench.why.hopeless", { percent: often })];
   return [
-    ...(next.decides ? [t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks/)[0]}`)] : []),
-    t("workbench.why.gap", { before: number(next.predicted_before, 2), after: number(next.predicted_after, 2) }),
-    ...(next.decides ? (after === percent(next.probability_after) ? [] : [t("workbench.why.again", { percent: after })]) : [t("workbench.why.hopeless", { percent: after })]),
+    t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks/)[0]}`),
+    ...(often === after ? [] : [t("workbench.why.again", { percent: often })]),
   ];
 }
 
