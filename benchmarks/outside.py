@@ -31,7 +31,7 @@ from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
 from benchmarks.bars import table
 from benchmarks.outside_truths import GROUPS, TRUTHS
-from benchmarks.outside_world import World
+from benchmarks.outside_world import World, constants
 from benchmarks.trials import MODEL
 
 RUN, CHECK, JUDGE = cases.TWO_RATES, cases.LOOPS, "steps_-40_85"
@@ -77,11 +77,11 @@ def _unit(trial: Trial) -> tuple[tuple[Dataset, ...], tuple[FloatArray, ...]]:
     """Run, check run, judging run and isothermal run of a unit, and what the truth adds to the first three [deg/h]."""
     case = cases.case((), 0.0, trial.seed, RUN, MODEL)
     name = f"{trial.truth}"
-    added = []
+    added, known = [], list[float]()
     for number, profile in enumerate((RUN, CHECK, JUDGE)):
         quiet = case.quiet(profile, number)
         rng = np.random.default_rng([trial.seed, *map(ord, name)])  # the same unit in all runs
-        series = TRUTHS[trial.truth](world(quiet, profile), rng)
+        series = TRUTHS[trial.truth](world(quiet, profile, known), rng)
         added.append((quiet, _means(series, quiet.time)))
     first, one = added[0]
     target = trial.strength * cases.rms(cases.absorbed(first, case.noise(RUN, 0), MODEL))
@@ -98,8 +98,8 @@ def _means(series: FloatArray, time_s: FloatArray) -> FloatArray:
     return np.asarray((high - low) / np.maximum(ends[1] - ends[0], 1.0))
 
 
-def world(quiet: Dataset, profile: str) -> World:
-    """States of the chamber and channels of the unit, every second."""
+def world(quiet: Dataset, profile: str, known: list[float]) -> World:
+    """States of the chamber and channels of the unit, every second; `known` are its `constants`."""
     trace = cases.trace(profile)
     seconds = np.arange(trace.seconds, dtype=np.float64) + 0.5
 
@@ -115,7 +115,7 @@ def world(quiet: Dataset, profile: str) -> World:
 
     return World(
         seconds, trace.case[1:], trace.air[1:], trace.compressor[1:], trace.heater[1:],
-        **{name: channel(name) for name in ("quadrature", "drive", "frequency", "supply")},
+        **{name: channel(name) for name in ("quadrature", "drive", "frequency", "supply")}, constant=constants(known),
     )  # fmt: skip
 
 

@@ -43,7 +43,7 @@ def beat(w: World, rng: np.random.Generator) -> FloatArray:
 
 def regulator(w: World, rng: np.random.Generator) -> FloatArray:
     """A regulator whose rejection of the supply weakens with temperature."""
-    return (w.supply - np.median(w.supply)) * (w.case + rng.uniform(60.0, 90.0))
+    return (w.supply - w.constant(np.median(w.supply))) * (w.case + rng.uniform(60.0, 90.0))
 
 
 def compressor_heat(w: World, rng: np.random.Generator) -> FloatArray:
@@ -89,7 +89,7 @@ def friction_joints(w: World, rng: np.random.Generator) -> FloatArray:
 
 def brown_out(w: World, rng: np.random.Generator) -> FloatArray:
     """Below a voltage the reference gives way."""
-    low, high = np.quantile(w.supply, [0.02, 0.98])
+    low, high = (w.constant(np.quantile(w.supply, share)) for share in (0.02, 0.98))
     edge = low + rng.uniform(0.35, 0.6) * (high - low)
     return np.asarray(np.logaddexp(0.0, (edge - w.supply) / (0.04 * (high - low))))
 
@@ -223,7 +223,7 @@ def condensation(w: World, rng: np.random.Generator) -> FloatArray:
 def supply_by_inner_temperature(w: World, rng: np.random.Generator) -> FloatArray:
     """The rejection of a regulator depends on its own temperature, which lags."""
     inner = follows(w.case, log_uniform(rng, 400, 1500))
-    return (w.supply - np.median(w.supply)) * (inner - rng.uniform(-20.0, 60.0))
+    return (w.supply - w.constant(np.median(w.supply))) * (inner - rng.uniform(-20.0, 60.0))
 
 
 def frequency_pulling(w: World, rng: np.random.Generator) -> FloatArray:

@@ -36,7 +36,7 @@ def softened_mount(w: World, rng: np.random.Generator) -> FloatArray:
 
 def regulator_foldback(w: World, rng: np.random.Generator) -> FloatArray:
     """A regulator that is warm from its own load gives less; the heat is that of drive and supply together."""
-    load = (w.drive / float(np.mean(w.drive))) * (w.supply / float(np.mean(w.supply)))
+    load = (w.drive / w.constant(np.mean(w.drive))) * (w.supply / w.constant(np.mean(w.supply)))
     warm = follows(w.case, 200.0) + 30.0 * (follows(load, log_uniform(rng, 300, 900)) - 1.0)
     return np.maximum(warm - rng.uniform(30.0, 50.0), 0.0)
 
@@ -48,13 +48,13 @@ def bubble_in_the_gel(w: World, rng: np.random.Generator) -> FloatArray:
     for second, case in enumerate(w.case.tolist()):
         moved += (case - last) / 300.0 - moved * np.exp((case - 25.0) / warm) / tau_s
         size[second], last = moved, case
-    return size * (1.0 + size / max(float(np.max(np.abs(size))), 1e-9))
+    return size * (1.0 + size / max(w.constant(np.max(np.abs(size))), 1e-9))
 
 
 def corner_of_the_plate(w: World, rng: np.random.Generator) -> FloatArray:
     """The plate lifts off its corner while it cools faster than the frame, and lies flat otherwise."""
     gradient = follows(w.case, log_uniform(rng, 40, 120)) - follows(w.case, log_uniform(rng, 400, 1200))
-    return np.minimum(gradient + rng.uniform(0.0, 0.2) * float(np.max(np.abs(gradient))), 0.0)
+    return np.minimum(gradient + rng.uniform(0.0, 0.2) * w.constant(np.max(np.abs(gradient))), 0.0)
 
 
 def pumped_heat(w: World, rng: np.random.Generator) -> FloatArray:
@@ -66,8 +66,8 @@ def pumped_heat(w: World, rng: np.random.Generator) -> FloatArray:
 
 def beating_drive(w: World, rng: np.random.Generator) -> FloatArray:
     """The quadrature loop's error is rectified where the drive is weak."""
-    weak = np.maximum(float(np.quantile(w.drive, rng.uniform(0.4, 0.7))) - w.drive, 0.0)
-    return weak * np.abs(w.quadrature - float(np.median(w.quadrature)))
+    weak = np.maximum(w.constant(np.quantile(w.drive, rng.uniform(0.4, 0.7))) - w.drive, 0.0)
+    return weak * np.abs(w.quadrature - w.constant(np.median(w.quadrature)))
 
 
 def memory_of_the_hottest(w: World, rng: np.random.Generator) -> FloatArray:

@@ -68,7 +68,7 @@ def plastic_flow(w: World, rng: np.random.Generator) -> FloatArray:
 def pulled_loop(w: World, rng: np.random.Generator) -> FloatArray:
     """The frequency loop lags while the frequency moves, by more the further it is from its centre."""
     behind = w.frequency - follows(w.frequency, log_uniform(rng, 100, 500))
-    return behind * np.abs(w.frequency - np.median(w.frequency))
+    return behind * np.abs(w.frequency - w.constant(np.median(w.frequency)))
 
 
 def thermoelastic(w: World, rng: np.random.Generator) -> FloatArray:
@@ -130,8 +130,8 @@ def package_leak(w: World, rng: np.random.Generator) -> FloatArray:
 
 def integrator_that_saturates(w: World, rng: np.random.Generator) -> FloatArray:
     """The quadrature loop integrates the error, and its integrator runs into its ends."""
-    error = w.quadrature - np.median(w.quadrature)
-    most, level, held = rng.uniform(200.0, 600.0) * float(np.std(error)), 0.0, np.empty(len(error))
+    error = w.quadrature - w.constant(np.median(w.quadrature))
+    most, level, held = rng.uniform(200.0, 600.0) * w.constant(np.std(error)), 0.0, np.empty(len(error))
     for second, value in enumerate(error.tolist()):
         level = min(max(level + value, -most), most)
         held[second] = level
@@ -162,7 +162,7 @@ def humid_board(w: World, rng: np.random.Generator) -> FloatArray:
 def backlash_of_the_gap(w: World, rng: np.random.Generator) -> FloatArray:
     """A duct bends with the difference to the air and drags a hinge with play along."""
     gap = follows(w.air - w.case, 40.0)
-    half, at, dragged = rng.uniform(0.15, 0.35) * float(np.ptp(gap)) / 2.0, float(gap[0]), np.empty(len(gap))
+    half, at, dragged = rng.uniform(0.15, 0.35) * w.constant(np.ptp(gap)) / 2.0, float(gap[0]), np.empty(len(gap))
     for second, value in enumerate(gap.tolist()):
         at = min(max(at, value - half), value + half)
         dragged[second] = at
@@ -198,7 +198,7 @@ def turns_that_count(w: World, rng: np.random.Generator) -> FloatArray:
 def saturating_air_gap(w: World, rng: np.random.Generator) -> FloatArray:
     """The gradient through the housing bends a strip until it touches on either side."""
     gap = follows(w.air - w.case, log_uniform(rng, 60, 400))
-    touches = rng.uniform(0.15, 0.4) * float(np.max(np.abs(gap)))
+    touches = rng.uniform(0.15, 0.4) * w.constant(np.max(np.abs(gap)))
     return np.asarray(np.tanh(gap / touches))
 
 
@@ -213,14 +213,17 @@ def glass_transition(w: World, rng: np.random.Generator) -> FloatArray:
 
 def compressor_beside_a_mode(w: World, rng: np.random.Generator) -> FloatArray:
     """The compressor shakes the mount, the more the nearer the drive's frequency is to a mode of it."""
-    span = float(np.ptp(w.frequency))
-    mode = rng.uniform(float(w.frequency.min()), float(w.frequency.max()))
+    span = w.constant(np.ptp(w.frequency))
+    mode = rng.uniform(w.constant(w.frequency.min()), w.constant(w.frequency.max()))
     return follows(w.compressor, 20.0) / (1.0 + ((w.frequency - mode) / (rng.uniform(0.1, 0.3) * span)) ** 2)
 
 
 def sag_of_the_heater(w: World, rng: np.random.Generator) -> FloatArray:
     """The heater's load warms a reference that scales the drive."""
-    return follows(w.heater, log_uniform(rng, 200, 900)) * (w.drive - rng.uniform(0.2, 0.8) * float(w.drive.min())) ** 2
+    return (
+        follows(w.heater, log_uniform(rng, 200, 900))
+        * (w.drive - rng.uniform(0.2, 0.8) * w.constant(w.drive.min())) ** 2
+    )
 
 
 def water_in_a_slab(w: World, rng: np.random.Generator) -> FloatArray:
@@ -239,7 +242,7 @@ def water_in_a_slab(w: World, rng: np.random.Generator) -> FloatArray:
 def quadrature_with_a_threshold(w: World, rng: np.random.Generator) -> FloatArray:
     """A comparator adds a share of the quadrature only while the temperature rises faster than a value."""
     slope = np.gradient(follows(w.case, 60.0)) * 60.0
-    return (slope > rng.uniform(0.55, 0.8)) * (w.quadrature - rng.uniform(0.2, 0.8) * float(w.quadrature.max()))
+    return (slope > rng.uniform(0.55, 0.8)) * (w.quadrature - rng.uniform(0.2, 0.8) * w.constant(w.quadrature.max()))
 
 
 def two_loops(w: World, rng: np.random.Generator) -> FloatArray:
@@ -292,7 +295,7 @@ def trapped_charge(w: World, rng: np.random.Generator) -> FloatArray:
     """The drive's voltage charges a dielectric, faster when it is warm; the charge leaks away slowly."""
     fills, leaks_s, level = rng.uniform(20.0, 35.0), log_uniform(rng, 4000, 12000), 0.0
     charge = np.empty(len(w.case))
-    flow = (w.drive / float(np.mean(w.drive))) ** 2 * np.exp((w.case - 25.0) / fills)
+    flow = (w.drive / w.constant(np.mean(w.drive))) ** 2 * np.exp((w.case - 25.0) / fills)
     for second, value in enumerate(flow.tolist()):
         level += value * (1.0 - level) / 6000.0 - level / leaks_s
         charge[second] = level
@@ -322,14 +325,16 @@ def fanned_wall(w: World, rng: np.random.Generator) -> FloatArray:
 def touching_strip(w: World, rng: np.random.Generator) -> FloatArray:
     """A strip presses on the housing only where the gradient through it is beyond its clearance."""
     gradient = w.case - follows(w.case, log_uniform(rng, 200, 700))
-    clearance = rng.uniform(0.3, 0.6) * float(np.max(np.abs(gradient)))
+    clearance = rng.uniform(0.3, 0.6) * w.constant(np.max(np.abs(gradient)))
     return np.sign(gradient) * np.maximum(np.abs(gradient) - clearance, 0.0)
 
 
 def crossed_modes(w: World, rng: np.random.Generator) -> FloatArray:
     """The drive's frequency crosses a mode of the package: the phase turns, the error changes its sign there."""
-    span = float(np.ptp(w.frequency))
-    away = (w.frequency - rng.uniform(0.3, 0.7) * span - float(w.frequency.min())) / (rng.uniform(0.04, 0.15) * span)
+    span = w.constant(np.ptp(w.frequency))
+    away = (w.frequency - rng.uniform(0.3, 0.7) * span - w.constant(w.frequency.min())) / (
+        rng.uniform(0.04, 0.15) * span
+    )
     return away / (1.0 + away**2)
 
 
@@ -346,8 +351,8 @@ def squared_gradient(w: World, rng: np.random.Generator) -> FloatArray:
 
 def warm_driver(w: World, rng: np.random.Generator) -> FloatArray:
     """The drive's stage warms itself by its power, and its offset changes with that and the board's temperature."""
-    power = follows((w.drive / float(np.mean(w.drive))) ** 2, log_uniform(rng, 200, 1500))
-    return (power - float(np.mean(power))) * (follows(w.case, 300.0) + rng.uniform(10.0, 60.0))
+    power = follows((w.drive / w.constant(np.mean(w.drive))) ** 2, log_uniform(rng, 200, 1500))
+    return (power - w.constant(np.mean(power))) * (follows(w.case, 300.0) + rng.uniform(10.0, 60.0))
 
 
 def yielding_solder(w: World, rng: np.random.Generator) -> FloatArray:

@@ -23,6 +23,21 @@ class World:
     drive: FloatArray
     frequency: FloatArray
     supply: FloatArray
+    constant: Callable[[float], float] = float
+    """A number of the unit: what it was in the unit's first run holds in all others."""
+
+
+def constants(known: list[float]) -> Callable[[float], float]:
+    """`World.constant` of a run: gives the numbers that are `known` of the unit in their order, and notes new ones."""
+    given = iter(tuple(known))
+
+    def constant(value: float) -> float:
+        number = next(given, None)
+        if number is None:
+            known.append(number := float(value))
+        return number
+
+    return constant
 
 
 Truth = Callable[[World, np.random.Generator], FloatArray]

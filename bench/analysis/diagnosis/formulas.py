@@ -187,7 +187,11 @@ class FormulaSearch:
             shares.update(blocks)
             if len(found) >= 2 * _BEAM:
                 break
-        return found
+        # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
+        single = [i for i, one in enumerate(formulas) if len(one.blocks) == 1 and not one.degree]
+        alone = {formulas[i].blocks[0].text: i for i in reversed(single)}
+        parts = [block.text for index in found[:_GROWN] for block in formulas[index].blocks]
+        return list(dict.fromkeys([*found, *(alone[text] for text in parts if text in alone)]))
 
     def _refined(self, formula: Formula, candidate: Candidate, grid: Sequence[Start], price: float) -> FoundFormula:
         theta, point, reached = self._refiner.refine(candidate, grid, self._best)
