@@ -1,5 +1,6 @@
 """Formulas for what the catalogue does not hold: found on truths that share no operator with them, none on noise."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,14 @@ def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalo
     found = outside.run_trial(outside.Trial(truth, 3.0, 1))
     assert found["formula"]
     assert found["share"] > outside.LEAST_SHARE, found
+    assert found["ratio"] < outside.MOST_RATIO, found
+
+
+@pytest.mark.slow
+def test_products_that_make_up_for_a_coarse_grid_do_not_hide_the_plain_formula():
+    found = outside.run_trial(outside.Trial("crossed_modes", 3.0, 1))
+    away = r"\(\(frequency - [\d.]+\)/[\d.]+\)"
+    assert re.fullmatch(rf"k \* {away}/\(1 \+ {away}\*\*2\)", found["formula"]), found
     assert found["ratio"] < outside.MOST_RATIO, found
 
 

@@ -155,7 +155,7 @@ class Refiner:
         if not closely:
             starts = [Start(starts[0].theta, base, self.height(candidate, starts[0].theta, base))]
         if candidate.parameters:
-            starts = [self._search(candidate, start) for start in starts]
+            starts = [self._search(candidate, start, roughly=len(starts) > 1) for start in starts]
         best = min(starts, key=lambda start: start.height)
         for steps in (STEPS, STEPS[-1:])[: (2 if candidate.parameters else 1) if closely else 0]:
             best = self._denoise(candidate, best, base, steps)  # the second time the noise hardly moves
@@ -170,8 +170,11 @@ class Refiner:
         point = surface.descend(min((start.point, base), key=surface.height), steps=steps)
         return Start(start.theta, point, surface.height(point))
 
-    def _search(self, candidate: Candidate, start: Start) -> Start:
-        """Parameters improved at fixed noise: one downhill by grid steps from the start, several by simplex."""
+    def _search(self, candidate: Candidate, start: Start, roughly: bool = False) -> Start:
+        """Parameters improved at fixed noise: one downhill by grid steps from the start, several by simplex.
+
+        Roughly: only so far that the best of several starts is known.
+        """
         function = self._of_unit(candidate, start.point)
         at = _unit(candidate, start.theta)
         if len(at) == 1:
@@ -183,7 +186,9 @@ class Refiner:
                 at,
                 method="Nelder-Mead",
                 bounds=[(0.0, 1.0)] * len(at),
-                options={"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},
+                options={"maxfev": 60 * len(at), "xatol": 5e-3, "fatol": 0.2}
+                if roughly
+                else {"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},
             )
             unit, height = np.asarray(simplex.x), float(simplex.fun)
         if height >= start.height:
@@ -271,14 +276,16 @@ def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
 
 
 def _minima(grid: Sequence[Start]) -> list[Start]:
-    """Grid points lower than both neighbours, lowest first; with several parameters all points, lowest first.
+    """Grid points lower than all their neighbours, lowest first.
 
     A point without a height, where a run was too short for it, is as high as none.
     """
-    grid = [start if np.isfinite(start.height) else replace(start, height=np.inf) for start in grid]
-    ordered = sorted(grid, key=lambda start: start.height)
-    if not grid or len(grid[0].theta) != 1:
-        return ordered
-    heights = [np.inf, *(start.height for start in grid), np.inf]
-    low = [s for i, s in enumerate(grid) if heights[i + 1] <= min(heights[i], heights[i + 2])]
-    return sorted(low, key=lambda start: start.height)
+    if not grid or not grid[0].theta:
+        return list(grid)
+    heights = np.array([start.height if np.isfinite(start.height) else np.inf for start in grid])
+    places = np.column_stack(
+        [np.unique(values, return_inverse=True)[1] for values in zip(*(s.theta for s in grid), strict=True)]
+    )
+    near = (np.abs(places[:, None] - places) <= 1).all(axis=2)
+    lowest = heights <= np.where(near, heights, np.inf).min(axis=1)
+    return [grid[i] for i in np.argsort(heights, kind="stable") if lowest[i]]
