@@ -56,7 +56,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
     status: {"description": meaning, **({"model": Problem} if status == 400 else {"content": _JSON})}
     for status, meaning in _MEANINGS.items()
 }
-"""Error answers for the OpenAPI description. One model describes all: FastAPI makes a validator of each, in each route."""
+"""Error answers for the OpenAPI description; one has the model, as each route makes a validator of each model."""
 
 
 def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
