@@ -4,7 +4,7 @@ import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { duration, moment, number, quantityWord, symbols, t } from "../lib/words.js";
-import { planName, runTitle } from "./live/words.js";
+import { planName, runTitle } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
