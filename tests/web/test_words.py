@@ -277,6 +277,21 @@ def test_the_axis_of_a_profile_that_hardly_moves_has_at_least_two_numbers() -> N
     assert min(told("lib/curve.js", script, curves)) >= 10
 
 
+@pytest.mark.parametrize(("window", "widest", "ticks"), [(390, 300, 4), (1366, 546, 7)])
+def test_the_numbers_of_a_curve_can_be_read_in_a_narrow_window(window: int, widest: int, ticks: int) -> None:
+    """The drawing is as wide as its place: the fewer units it has, the larger its letters of 13 units are."""
+    script = """
+    globalThis.innerWidth = given;
+    const drawn = page.Curve({ curve: [[0, 10], [4860, 40]], width: 760, height: 300, axes: true, label: "-" }).props;
+    const grid = [drawn.children].flat().find((one) => one?.props?.edge);
+    const times = [grid.type(grid.props)].flat(3).filter((one) => one?.props?.["text-anchor"] === "middle");
+    console.log(JSON.stringify([Number(drawn.viewBox.split(" ")[2]), times.length]));
+    """
+    width, times = told("lib/curve.js", script, window)
+    assert width <= widest
+    assert 2 <= times <= ticks
+
+
 @pytest.mark.parametrize(
     ("language", "texts"),
     [

@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { number, or, quantityWord, symbols, t } from "../lib/words.js";
+import { moment, number, or, quantityWord, symbols, t } from "../lib/words.js";
 import { planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
@@ -60,7 +60,7 @@ export default function Verdict({ params }) {
   return html`<article class=${`verdict tone-${toneOf(word)}`}>
     <${Word} word=${word} />
     <div class="verdict-about">
-      <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}</p>
+      <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}${run?.started && html` · <time datetime=${run.started}>${moment(run.started)}</time>`}</p>
       <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} of=${units.length > 1 && shown.unit} />`}
