@@ -233,6 +233,8 @@ def hidden_effect(browser: Browser, out: Path) -> list[Row]:
     began = perf_counter()
     with ui(out) as (_, address):
         ready = perf_counter() - began
+        httpx.get(f"{address}/api/v1/session", trust_env=False)
+        answering = perf_counter() - began
         page = browser.new_context(base_url=address, locale="en", viewport={"width": 1440, "height": 900}).new_page()
         clicks: list[int] = []
         page.expose_function("clicked", lambda: clicks.append(1))
@@ -256,7 +258,7 @@ def hidden_effect(browser: Browser, out: Path) -> list[Row]:
         after = page.locator(".wb-tile b").first.inner_text()
         page.context.close()
     return [
-        ("server, from its start to its address", f"{ready:.1f} s"),
+        ("server, from its start to its address; to the first answer of its API", f"{ready:.1f} s; {answering:.1f} s"),
         ("first figure of an 8-hour run, from choosing it", f"{drawn:.1f} s"),
         ("hidden effect named, from choosing the run", f"{named:.1f} s"),
         (

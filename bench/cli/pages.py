@@ -71,15 +71,16 @@ def _serve(
     no_browser: bool,
     **options: Any,
 ) -> None:
-    try:
-        from bench.web import Settings, Tls, serve
-    except ModuleNotFoundError as error:
-        raise InputError(f"`bench ui` needs {error.name}; pip install 'gyro-thermal-bench[web]'") from error
     if (certificate is None) != (key is None):
         raise InputError("--certificate and --key belong together; give both or neither")
     if options["behind"] is not None:
         _check_address(options["behind"])
-    tls = Tls(certificate, key) if certificate and key else None
     if where is not None:
         os.environ["BENCH_REGISTRY"] = where  # of the runs that the page starts
-    serve(Settings(out.resolve(), where, **options), port, tls, not no_browser)
+    try:
+        from bench.web import Settings, Tls, serve
+
+        tls = Tls(certificate, key) if certificate and key else None
+        serve(Settings(out.resolve(), where, **options), port, tls, not no_browser)
+    except ModuleNotFoundError as error:
+        raise InputError(f"`bench ui` needs {error.name}; pip install 'gyro-thermal-bench[web]'") from error

@@ -47,6 +47,7 @@ PLACES = [
     Place("laboratory", "/laboratory?station=simulated", "#equipment"),
     Place("run", "/runs/{ended}", "#run-unit"),
     Place("lot", "/runs/{lot}", "#run-unit"),
+    Place("lot-verdict", "/verdict/{lot}", "#run-unit"),
     Place("files", "/files?kind=profiles&id=short", "svg.curve"),
     Place("units", "/units", "table a"),
     Place("unit", "/units/{unit}", ".main-svg"),

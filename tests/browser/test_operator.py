@@ -62,8 +62,19 @@ def test_from_serial_number_to_verdict(bench, visitors):
     picture(page, "run-delivered")
     assert page.request.get(file.get_attribute("href")).json()
     page.goto(f"/verdict/{run}")
+    seen_on_paper(page)
     page.get_by_role("link", name="Next unit").click()
     page.get_by_label("Serial number").wait_for()
+
+
+def seen_on_paper(page):
+    """When the unit was measured and what to do with it, without buttons."""
+    page.get_by_role("link", name="Next unit").wait_for()
+    page.emulate_media(media="print")
+    page.locator(".verdict-who time").wait_for()
+    page.locator("#next").wait_for()
+    assert not page.get_by_role("link", name="Next unit").is_visible()
+    page.emulate_media(media="screen")
 
 
 def test_a_profile_is_edited_and_the_equipment_of_its_station_asked(bench, visitors, project):

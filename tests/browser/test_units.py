@@ -154,7 +154,7 @@ def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tm
 def test_the_pages_speak_other_languages(page, language):
     page.goto("/units")
     page.locator(".bar select").select_option(language)
-    page.get_by_role("heading", name={"uk": "Вироби", "zh": "器件"}[language]).wait_for()
+    page.get_by_role("heading", name={"uk": "Вироби", "zh": "产品"}[language]).wait_for()
     page.goto(f"/units/{UNIT}")
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效校准"}[language]).first.wait_for()
 

@@ -296,7 +296,7 @@ def test_a_note_and_a_view_are_kept_with_the_run_and_opened_again(page):
     page.get_by_role("link", name="the loop").wait_for(state="detached")
 
 
-def test_two_runs_are_compared(page):
+def test_two_runs_are_compared(page, visitors, address):
     choose(page)
     page.get_by_role("button", name="Compare").click()
     page.get_by_role("combobox", name="Compare with").fill("MYSTERY check")
@@ -308,6 +308,14 @@ def test_two_runs_are_compared(page):
     told = page.locator(".wb-compare").text_content()
     assert "done, " in told
     assert not re.search(r"duration s|\^2", told)
+    for locale, said in (("zh-CN", "变温至"), ("uk", "рампа до")):
+        other = visitors.come(address, locale=locale)
+        other.goto(page.url)
+        compared = other.locator(".wb-compare")
+        compared.get_by_text(said).first.wait_for(state="attached")
+        compared.locator(".wb-words").first.filter(has_text="MYSTERY").wait_for()
+        words = compared.text_content()
+        assert not re.search(r"segments?\[|to_degc|ramp to|soak at|check_minor_loops|\d{8}T\d{6}Z", words), words
     page.get_by_role("button", name="Back to the workbench").click()
     page.reload()
     page.locator(".wb-verdict").wait_for()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -491,3 +492,32 @@ def test_all_fonts_are_inside(issued):
     fonts = shown_by("pdffonts", issued[0]).splitlines()[2:]
     assert fonts
     assert all(line.split()[-5] == "yes" for line in fonts)
+
+
+@poppler
+def test_the_closing_text_of_page_1_keeps_its_distance_to_the_figure(made, tmp_path):
+    path = tmp_path / "cert.pdf"
+    (tmp_path / "long.yaml").write_text(LABORATORY.replace("Somewhere 1", f"'{'Somewhere 1, ' * 12}'"))
+    done = whole(made, path, "--verification", made / "check", "--laboratory", tmp_path / "long.yaml")
+    assert done.exit_code == 0, done.stderr
+    box = re.findall(r'yMin="([\d.]+)" xMax="[\d.]+" yMax="([\d.]+)">(\S+)</word>',
+                     shown_by("pdftotext", "-f", "1", "-l", "1", "-bbox", path, "-"))  # fmt: skip
+    words = [word for _, _, word in box]
+    caption = words.index("means", words.index("Zero-rate", words.index("Calibrated")))
+    closing = next(i for i in range(caption, len(words)) if words[i : i + 3] == ["The", "results", "relate"])
+    assert float(box[closing][0]) - float(box[caption][1]) > 10.0  # pt
+    assert float(box[words.index("Page")][0]) - float(box[words.index("standard", closing)][1]) > 10.0
+
+
+@poppler
+def test_a_chinese_laboratory_is_printed(made, tmp_path):
+    chinese = LABORATORY.replace("Lab #1 *bold* $x$ <b>", "校准实验室").replace("A. Person", "王小明")
+    (tmp_path / "zh.yaml").write_text(chinese, encoding="utf-8")
+    path = tmp_path / "cert.pdf"
+    done = certificate(made, "--verification", made / "check", "--laboratory", tmp_path / "zh.yaml", "--out", path)
+    if "install a font" in done.stderr and not os.environ.get("BENCH_CI"):
+        pytest.skip("no font here has Chinese")
+    assert done.exit_code == 0, done.stderr
+    page = shown_by("pdftotext", "-f", "1", "-l", "1", path, "-")
+    assert "校准实验室" in page
+    assert "王小明" in page

@@ -12,10 +12,13 @@ from bench.web.ground import policy
 from bench.web.ground.problems import RESPONSES
 from bench.web.ground.settings import Settings
 from bench.web.server.app import create_app
+from bench.web.server.routes import add_routes
 from tests.support.web_client import served
 
 schemathesis.checks.load_all_checks()
-SCHEMA = schemathesis.openapi.from_dict(create_app(Settings(Path("nowhere"))).openapi())
+APP = create_app(Settings(Path("nowhere")))
+add_routes(APP)
+SCHEMA = schemathesis.openapi.from_dict(APP.openapi())
 EXAMPLES = 6
 CONFORMS = [
     CHECKS.get_one(name)

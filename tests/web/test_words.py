@@ -61,6 +61,14 @@ def test_counted_words_have_the_plural_forms_of_their_language(language: str) ->
     assert {key: have for key, have in counted.items() if have != PLURALS[language]} == {}
 
 
+def test_a_unit_has_one_word_in_chinese() -> None:
+    """产品, on the page, in what the bench says and in its reports."""
+    root = Path(__file__).parents[2] / "bench"
+    files = [*root.glob("**/words/**/zh.json"), root / "base" / "words" / "told.json"]
+    assert [path.name for path in files if "器件" in path.read_text(encoding="utf-8")] == []
+    assert len(files) == 4
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_no_text_is_empty(language: str) -> None:
     """An empty text would be invisible on the page."""
@@ -266,3 +274,48 @@ def test_the_axis_of_a_profile_that_hardly_moves_has_at_least_two_numbers() -> N
     console.log(JSON.stringify(given.map((curve) => grid(curve)).map(({ low, high }) => high - low)));
     """
     assert min(told("lib/curve.js", script, curves)) >= 10
+
+
+@pytest.mark.parametrize(("window", "widest", "ticks"), [(390, 300, 4), (1366, 546, 7)])
+def test_the_numbers_of_a_curve_can_be_read_in_a_narrow_window(window: int, widest: int, ticks: int) -> None:
+    """The drawing is as wide as its place: the fewer units it has, the larger its letters of 13 units are."""
+    script = """
+    globalThis.innerWidth = given;
+    const drawn = page.Curve({ curve: [[0, 10], [4860, 40]], width: 760, height: 300, axes: true, label: "-" }).props;
+    const grid = [drawn.children].flat().find((one) => one?.props?.edge);
+    const times = [grid.type(grid.props)].flat(3).filter((one) => one?.props?.["text-anchor"] === "middle");
+    console.log(JSON.stringify([Number(drawn.viewBox.split(" ")[2]), times.length]));
+    """
+    width, times = told("lib/curve.js", script, window)
+    assert width <= widest
+    assert 2 <= times <= ticks
+
+
+@pytest.mark.parametrize(
+    ("language", "texts"),
+    [
+        ("en", ["25 Nov", "nov 25, 2026", "25 november", "2026-11-25", "25.11.2026", "quick 25.11"]),
+        ("uk", ["25.11.2026", "25 листопада", "25 лист. 2026 р.", "25 лис", "виріб 25.11"]),
+        ("zh", ["11月25日", "2026年11月25日", "2026/11/25"]),
+    ],
+)
+def test_a_day_is_searched_as_the_readers_language_writes_it(language: str, texts: list[str]) -> None:
+    """By the day that the page shows, which in Kyiv begins two hours before that of UTC."""
+    script = """
+    globalThis.document = { documentElement: {} };
+    process.env.TZ = "Europe/Kyiv";
+    const words = await import(new URL("words.js", process.argv[1]));
+    await words.speak(given.language);
+    console.log(JSON.stringify(given.texts.map((text) => page.dayIn(text.toLowerCase()))));
+    """
+    for text, day in zip(texts, told("lib/days.js", script, {"language": language, "texts": texts}), strict=True):
+        assert text.lower().endswith(day["found"])
+        hours = [f"-11-{hour}" for hour in ("24t22", "24t23", *(f"25t{hour:02d}" for hour in range(22)))]
+        assert [hour.removeprefix("2026") for hour in day["hours"]] == hours
+        assert all(hour.startswith("2026") == ("2026" in text) for hour in day["hours"])
+
+
+def test_a_word_that_is_no_day_is_searched_as_it_is() -> None:
+    """Serial numbers, plans, and days that no month has."""
+    script = "console.log(JSON.stringify(given.map((text) => page.dayIn(text))));"
+    assert told("lib/days.js", script, ["sim-0001", "ramp 25", "u 31.13.2026", "30.02.2026", "0.5"]) == [None] * 5

@@ -51,10 +51,12 @@ class Problem(BaseModel):
     detail: str
 
 
+_JSON = {"application/json": {"schema": {"$ref": "#/components/schemas/Problem"}}}
 RESPONSES: dict[int | str, dict[str, Any]] = {
-    status: {"model": Problem, "description": meaning} for status, meaning in _MEANINGS.items()
+    status: {"description": meaning, **({"model": Problem} if status == 400 else {"content": _JSON})}
+    for status, meaning in _MEANINGS.items()
 }
-"""Error answers for the OpenAPI description."""
+"""Error answers for the OpenAPI description; one has the model, as each route makes a validator of each model."""
 
 
 def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:

@@ -138,6 +138,7 @@ def one(which: Which, request: Request) -> Run:
     known = story.sound(Manifest, folder)
     gone = LiveRun((folder,), LiveFile(0, 0, known.created if known else "", [], ""))
     about = describe(gone, start)
+    about["profile"] = about["profile"] or (known.profile if known else "")  # a lot or import has no profile.yaml
     return Run(**{**about, "runs": end["runs"], "state": end["state"], "condition": "ended", "ended": end})
 
 

@@ -8,6 +8,7 @@ passes through unchanged.
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import socket
 from typing import NamedTuple
@@ -62,7 +63,7 @@ class Gate:
                 answer.setdefault("Cache-Control", "no-store" if path.startswith("/api/") else "no-cache")
             await send(message)
 
-        refusal = self._refusal(scope["method"], path, headers) or _stranger(scope)
+        refusal = self._refusal(scope["method"], path, headers) or _stranger(scope) or await _failed(scope)
         if refusal:
             await problem(*refusal)(scope, receive, dressed)
             return
@@ -132,6 +133,15 @@ def _stranger(scope: Scope) -> Refusal | None:
     except InputError as error:
         return Refusal(400, str(error))
     return None
+
+
+async def _failed(scope: Scope) -> Refusal | None:
+    """Wait for the API, which is imported while the page is served already; why it cannot be asked."""
+    if not scope["path"].startswith("/api/"):
+        return None
+    api: asyncio.Task[None] = scope["app"].state.api
+    await asyncio.wait([api])
+    return Refusal(503, "the server cannot begin; its terminal says why") if api.exception() else None
 
 
 def _too_large(limit: int) -> Refusal:

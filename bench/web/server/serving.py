@@ -25,7 +25,7 @@ from fastapi import FastAPI
 from bench.base import InputError
 from bench.web.ground.callers import network
 from bench.web.ground.settings import Settings
-from bench.web.server.app import create_app
+from bench.web.server.app import create_app, failure
 from bench.web.server.connections import HEADER_S, Guarded, Places, room
 from bench.web.server.gate import is_loopback
 from bench.web.server.pages import require_page
@@ -108,11 +108,15 @@ def _tls_loop() -> asyncio.AbstractEventLoop:
 
 
 class _Server(GuardedServer):
-    """Prints its address once it serves."""
+    """Prints its address once it serves; ends where the API cannot begin."""
 
-    def __init__(self, config: uvicorn.Config, url: str, browser: bool) -> None:
+    def __init__(self, app: FastAPI, config: uvicorn.Config, url: str, browser: bool) -> None:
         super().__init__(config)
-        self._url, self._browser = url, browser
+        self._app, self._url, self._browser = app, url, browser
+
+    async def on_tick(self, counter: int) -> bool:
+        """Whether the server ends."""
+        return await super().on_tick(counter) or failure(self._app) is not None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Print the address; open it in the browser."""
@@ -144,7 +148,9 @@ def serve(settings: Settings, port: int, tls: Tls | None = None, browser: bool =
         # uvicorn raises the signal again after its end; the process must go on to its normal end.
         signal.signal(signal.SIGTERM, lambda *_: None)
         with contextlib.suppress(KeyboardInterrupt):
-            _Server(options, url, browser).run(sockets=[listener])
+            _Server(app, options, url, browser).run(sockets=[listener])
+        if failed := failure(app):
+            raise failed
 
 
 def _name(host: str) -> str:

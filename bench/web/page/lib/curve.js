@@ -18,9 +18,14 @@ const multiples = (low, high, size) => {
   return Array.from({ length: Math.max(0, Math.floor(high / size) - first + 1) }, (_, index) => (first + index) * size);
 };
 
-/** `width` and `height` are units of the drawing, which scales with its place; `axes` adds a grid with numbers. */
-export function Curve({ curve, width = 320, height = 130, axes = false, label }) {
+/**
+ * `width` and `height` are units of the drawing, which scales with its place; `axes` adds a grid with numbers. In a narrow
+ * window such a drawing has fewer units, so that its numbers can still be read.
+ */
+export function Curve({ curve, width: most = 320, height: tallest = 130, axes = false, label }) {
   if (!curve?.length) return null;
+  const width = axes ? Math.min(most, Math.max(300, Math.round(0.4 * (globalThis.innerWidth ?? Infinity)))) : most;
+  const height = axes ? Math.min(tallest, Math.max(180, Math.round((tallest * width) / most))) : tallest;
   const [low, high] = range(curve);
   const edge = axes ? { left: 56, right: 28, top: 16, bottom: 34 } : EDGE;
   const end = curve.at(-1)[0] || 1;
@@ -39,7 +44,7 @@ export function Curve({ curve, width = 320, height = 130, axes = false, label })
 }
 
 function Grid({ x, y, end, low, high, width, height, edge }) {
-  const size_s = step(STEPS_S, end, 8);
+  const size_s = step(STEPS_S, end, Math.min(8, Math.floor(width / 70)));
   const hours = size_s >= 3600;
   return html`
     ${multiples(low, high, step(STEPS_DEGC, high - low, 6)).map((degc) => html`

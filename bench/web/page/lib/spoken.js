@@ -1,4 +1,5 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
+import { runTitle } from "./names.js";
 import { effectWord, known, language, quantityWord, symbols, t } from "./words.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
@@ -17,10 +18,13 @@ function written({ number, digits = 3, decimals = undefined }) {
   return number.toFixed(decimals ?? Math.max(0, digits - 1 - exponent)).replace(".", separators().decimal).replace("-", "−");
 }
 
+/** A run that a text names by its id, as people know it; any other text as it is. */
+const named = (text) => (/^[^/]+\/\d{8}T\d{6}Z_/.test(text) ? `${text.split("/")[0]} ${runTitle(text)}` : text);
+
 /** A value of a caption, or a whole one (`{key, values}`), as text. */
 function told(value) {
   if (value === null || typeof value === "number") return written({ number: value });
-  if (typeof value === "string") return value;
+  if (typeof value === "string") return named(value);
   if (Array.isArray(value)) {
     const parts = value.map(told);
     return value.some((part) => part?.key) ? parts.join("; ") : new Intl.ListFormat(language.get()).format(parts);
@@ -52,7 +56,7 @@ function hovered(axis, side) {
   return `${name ? `${labelled(name)} ` : ""}${value}${unit ? ` ${symbols(unit)}` : ""}`;
 }
 
-const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : labelled(name));
+const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : labelled(named(name)));
 
 function spokenTrace(trace, layout) {
   const axes = { x: layout[`xaxis${(trace.xaxis ?? "x").slice(1)}`], y: layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`] };

@@ -7,7 +7,7 @@ import { serialOf } from "../lib/units.js";
 import { moment, t } from "../lib/words.js";
 import { CalibrationView } from "./calibrations/view.js";
 
-import { planTitle } from "./start/plan.js";
+import { planTitle } from "../lib/names.js";
 import { planOf, stateWord, toneOf } from "./calibrations/words.js";
 
 const LOOK_MS = 2000;

@@ -6,9 +6,8 @@ import { navigate } from "../lib/router.js";
 import { startAct, startRun } from "../lib/starts.js";
 import { may } from "../lib/store.js";
 import { duration, moment, or, t } from "../lib/words.js";
-import { planName } from "./live/words.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
-import { planTitle } from "./start/plan.js";
+import { planName, planTitle } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
 import { Said } from "../lib/said.js";
 

@@ -7,7 +7,8 @@ import { Busy, Shape, TextField, Trouble } from "../lib/parts.js";
 import { may, remembered, session, store, useStore } from "../lib/store.js";
 import { inSlot, serialOf, slotOf } from "../lib/units.js";
 import { t } from "../lib/words.js";
-import { PlanQuestion, planTitle } from "./start/plan.js";
+import { PlanQuestion } from "./start/plan.js";
+import { planTitle } from "../lib/names.js";
 import { Ready } from "./start/ready.js";
 import { UnitQuestion } from "./start/unit.js";
 

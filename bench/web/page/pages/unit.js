@@ -3,8 +3,8 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
-import { duration, moment, number, quantityWord, symbols, t } from "../lib/words.js";
-import { planName, runTitle } from "./live/words.js";
+import { duration, effectWord, moment, number, quantityWord, symbols, t } from "../lib/words.js";
+import { planName, runTitle } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
@@ -45,7 +45,7 @@ function Calibration({ one, serial }) {
     <div><div class="when">${day(one.created)} <span class="soft">· ${age(one.age_days)}</span></div>
       <${Lamp} tone=${STATUS_TONES[one.status]}>${t(`units.status.${one.status}`)}<//></div>
     <div><${Range} validity=${one.validity} />
-      <div class="small">${one.model} · <${Verdict} word=${one.judged ?? one.verdict} />${one.limits && html` <span class="soft">${t("units.against", { limits: one.limits })}</span>`}</div></div>
+      <div class="small">${effectWord(one.model)} · <${Verdict} word=${one.judged ?? one.verdict} />${one.limits && html` <span class="soft">${t("units.against", { limits: one.limits })}</span>`}</div></div>
     <div class="row">
       ${paper?.pdf && html`<a class="button narrow" href=${pdfOf(serial, paper)} target="_blank" rel="noopener">${t("units.open_pdf")}</a>`}
       ${paper && html`<span class="small soft mono">${paper.number}</span>`}

@@ -5,8 +5,8 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { number, or, quantityWord, symbols, t } from "../lib/words.js";
-import { planName } from "./live/words.js";
+import { moment, number, or, quantityWord, symbols, t } from "../lib/words.js";
+import { planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
@@ -46,7 +46,8 @@ export default function Verdict({ params }) {
   const { run, end, error } = useEnd(params);
   useEffect(() => {
     if (run?.condition && run.condition !== "ended" && !end) navigate(`/live/${params.unit}/${params.run}`, { replace: true });
-  }, [run?.condition, !end]);
+    if (run?.profile === "lot") navigate(`/runs/${params.unit}/${params.run}`, { replace: true }); // made of other runs: nothing was measured
+  }, [run?.condition, run?.profile, !end]);
   const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
@@ -59,7 +60,7 @@ export default function Verdict({ params }) {
   return html`<article class=${`verdict tone-${toneOf(word)}`}>
     <${Word} word=${word} />
     <div class="verdict-about">
-      <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}</p>
+      <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}${run?.started && html` · <time datetime=${run.started}>${moment(run.started)}</time>`}</p>
       <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} of=${units.length > 1 && shown.unit} />`}

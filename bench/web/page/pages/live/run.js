@@ -8,7 +8,8 @@ import { Actions } from "./actions.js";
 import { Output, Temperatures, unitTone } from "./charts.js";
 import { Guards, guardName } from "./guards.js";
 import { Log } from "./log.js";
-import { isOld, lateText, planName, segmentText, serials, stateWord, toneOf } from "./words.js";
+import { planName } from "../../lib/names.js";
+import { isOld, lateText, segmentText, serials, stateWord, toneOf } from "./words.js";
 import { Said } from "../../lib/said.js";
 
 const EMPTY = new Trace();

@@ -1,6 +1,5 @@
 // State of a live run in words and tones.
-import { degrees, duration, moment, number, or, t } from "../../lib/words.js";
-import { planTitle } from "../start/plan.js";
+import { degrees, duration, number, or, t } from "../../lib/words.js";
 
 const TONES = { running: "good", starting: "link", holding: "warn", pausing: "warn", ending: "warn" };
 
@@ -10,20 +9,6 @@ export const stateOf = (run) => (isOld(run) ? run.condition : run.state);
 export const isOld = (run) => Boolean(run.condition) && run.condition !== "live";
 export const toneOf = (run) => (run.condition === "unheard" ? "idle" : run.condition === "gone" || run.condition === "silent" ? "bad" : TONES[run.state] ?? "idle");
 export const stateWord = (run) => or(`live.state.${stateOf(run)}`, stateOf(run));
-
-/** Name of the plan of a run; of an import its file. */
-export function planName(run) {
-  const [, file] = run.profile?.match(/^import(?: of |_)(.+)$/) ?? [];
-  return file ? `${t("units.kind.import")}: ${file}` : planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
-}
-
-/** A run by its id, for people: plan and moment; a folder that is not named by both keeps its name. */
-export function runTitle(run) {
-  const folder = run.split("/").pop();
-  const [, day, hour, minute, second, profile] = folder.match(/^(\d{8})T(\d\d)(\d\d)(\d\d)Z_(.+)$/) ?? [];
-  if (!profile) return folder;
-  return `${planName({ profile })} · ${moment(`${day.replace(/(....)(..)(..)/, "$1-$2-$3")}T${hour}:${minute}:${second}Z`)}`;
-}
 
 /** A segment as text; its name if the kind is unknown. */
 export function segmentText(segment) {

@@ -3,9 +3,8 @@ import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
 import { degrees, duration, number, or, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
+import { planTitle } from "../../lib/names.js";
 
-/** A shipped plan has a name in every language; others show their file's name. */
-export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}`, plan.title);
 const planPurpose = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}.for`, plan.summary);
 
 const MOST = 24;

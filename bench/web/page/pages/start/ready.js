@@ -10,7 +10,7 @@ import { degrees, duration, language, number, or, t } from "../../lib/words.js";
 import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
-import { planTitle } from "./plan.js";
+import { planTitle } from "../../lib/names.js";
 import { Said } from "../../lib/said.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };

@@ -1,7 +1,8 @@
 // Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
 import { html, t, or, api, moment, number, useEffect, useRef, useState } from "./parts.js";
 import { Said } from "../../lib/said.js";
-import { planName } from "../live/words.js";
+import { dayIn } from "../../lib/days.js";
+import { planName } from "../../lib/names.js";
 
 const ROW_PX = 52;
 const PAGE = 100;
@@ -15,11 +16,16 @@ const namesOf = ({ profiles, verdicts, states }) => [
   ...states.map((state) => [state, or(`units.state.${state}`, state)]),
 ];
 
-/** What the server searches for: each word as it was typed, or what it names in this language. */
-const wanted = (text, names) => text.trim().toLowerCase().split(/\s+/).map((word) => {
-  const named = names.filter(([, seen]) => word.length > 1 && seen.toLowerCase().includes(word));
-  return [...new Set([word, ...named.map(([name]) => name)])].join("|");
-}).join(" ");
+/** What the server searches for: a day, and each other word as it was typed, or what it names in this language. */
+function wanted(text, names) {
+  const typed = text.trim().toLowerCase();
+  const day = dayIn(typed);
+  const words = typed.replace(day?.found ?? "", " ").trim().split(/\s+/).map((word) => {
+    const named = names.filter(([, seen]) => word.length > 1 && seen.toLowerCase().includes(word));
+    return [...new Set([word, ...named.map(([name]) => name)])].join("|");
+  });
+  return [...words, ...(day ? [day.hours.join("|")] : [])].join(" ");
+}
 
 /** Rows of a filtered list, fetched one page at a time; `at(i)` is undefined until its page is loaded. */
 function useRows(text) {

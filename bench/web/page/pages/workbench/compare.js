@@ -5,6 +5,7 @@ import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 import { Said } from "../../lib/said.js";
+import { planTitle } from "../../lib/names.js";
 import { quantityWord, symbols } from "../../lib/words.js";
 
 const MOST_ROWS = 40;
@@ -31,10 +32,10 @@ function cell(value) {
   if ("value" in value) {
     const { value: middle, low, high, reason } = value;
     const spread = low !== null && high !== null && low !== high ? ` (${number(low, 3)} … ${number(high, 3)})` : "";
-    return middle === null ? reason || "–" : `${number(middle, 4)}${spread}`;
+    return middle === null ? html`<${Said} text=${reason || "–"} />` : `${number(middle, 4)}${spread}`;
   }
   if ("duration_s" in value) return `${or(`units.state.${value.outcome}`, value.outcome)}, ${duration(value.duration_s)}`;
-  return Object.entries(value).map(([key, inner]) => `${key.replaceAll("_", " ")} ${cell(inner)}`).join(", ");
+  return Object.entries(value).map(([key, inner]) => `${placed(key)} ${VALUES[key]?.(inner) ?? cell(inner)}`).join(", ");
 }
 
 const plainOf = (value) => (value && typeof value === "object" ? value.value ?? JSON.stringify(value) : value);
@@ -44,7 +45,31 @@ const HEADS = () => ({
   quantity: t("verdict.head.quantity"), unit: t("verdict.head.unit"), a: "A", b: "B", apart: t("workbench.compare.apart"), key: t("workbench.compare.coefficients"),
   a_std: "A σ", b_std: "B σ", segment: t("workbench.compare.segment"), where: t("workbench.compare.where"), counter: t("workbench.compare.losses"),
 });
-const NAMES = { quantity: quantityWord, unit: symbols };
+const NAMES = {
+  quantity: quantityWord, unit: symbols, counter: (name) => or(`loss.${name}`, name.replaceAll("_", " ")),
+  segment: (text) => html`<${Said} text=${text} />`, where: placed,
+};
+
+/** A place in a file of settings (`segments[0].to_degc`) in words, as far as the page has them. */
+function placed(where) {
+  return where.split(".").map((part) => {
+    const [, name, index] = part.match(/^(.*?)(?:\[(\d+)\])?$/);
+    const word = or(`workbench.compare.at.${name}`, name.replaceAll("_", " "));
+    return index === undefined ? word : `${word} ${Number(index) + 1}`;
+  }).join(" › ");
+}
+
+/** Values that the page has words for, by the last part of their place. */
+const VALUES = {
+  name: (id) => planTitle({ id, title: id }), kind: (kind) => or(`workbench.compare.kind.${kind}`, kind),
+  state: (state) => or(`units.state.${state}`, state), purpose: (kind) => or(`units.kind.${kind}`, kind),
+};
+
+function valueOf(row, key) {
+  if (NAMES[key]) return NAMES[key](row[key]) ?? cell(row[key]);
+  const word = typeof row[key] === "string" && VALUES[row.where?.split(".").pop()];
+  return word ? word(row[key]) : typeof row[key] === "string" ? html`<${Said} text=${row[key]} />` : cell(row[key]);
+}
 
 /** A part of the answer as rows; for an object that contains a list, that list. */
 function rowsOf(part) {
@@ -64,7 +89,7 @@ function Table({ part, caption, name, open }) {
     <summary><h3>${caption}</h3> <span class="wb-soft">${rows.length || "–"}</span></summary>
     ${part?.reason && html`<p class="wb-soft"><${Said} text=${part.reason} /></p>`}
     ${rows.length > 0 && html`<div class="wb-scroll" tabindex="0" role="region" aria-label=${caption}><table><thead><tr>${shown.map((key) => html`<th key=${key} scope="col">${heads[key] ?? key}</th>`)}</tr></thead>
-      <tbody>${rows.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i} title=${row.meaning}>${shown.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${NAMES[key]?.(row[key]) ?? cell(row[key])}</td>`)}</tr>`)}</tbody></table></div>`}
+      <tbody>${rows.slice(0, MOST_ROWS).map((row, i) => html`<tr key=${i} title=${row.meaning}>${shown.map((key) => html`<td key=${key} class=${typeof row[key] === "number" ? "wb-n" : ""}>${valueOf(row, key)}</td>`)}</tr>`)}</tbody></table></div>`}
     ${rows.length > MOST_ROWS && html`<p class="wb-soft">${t("workbench.compare.more", { count: String(rows.length - MOST_ROWS) })}</p>`}
     ${rows.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => saveCsv(name, csv)}>CSV</button></p>`}
   </details>`;

@@ -43,7 +43,7 @@ function BySegment({ segments }) {
   if (!segments?.length) return null;
   const most = Math.max(1, ...segments.map((one) => one.floor_ratio ?? 0));
   return html`<details class="wb-segments"><summary>${t("workbench.ladder.segments")}</summary>
-    <ul>${segments.map((one, i) => html`<li key=${i}><span>${one.name}</span>
+    <ul>${segments.map((one, i) => html`<li key=${i}><span><${Said} text=${one.name} /></span>
       <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (one.floor_ratio ?? 0)) / most}%` }}></span></span>
       <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
 }

@@ -4,7 +4,7 @@ import { duration, language, moment, number as plain, or, symbols, t } from "../
 import * as api from "../../lib/api.js";
 import { onTheme, palette } from "../../lib/figure.js";
 import { useEffect, useState } from "../../lib/preact.js";
-import { runTitle } from "../live/words.js";
+import { runTitle } from "../../lib/names.js";
 export { api, duration, moment, or, runTitle, t };
 
 /** A number with a few significant digits, or a dash without one. */

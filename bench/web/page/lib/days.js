@@ -1,0 +1,37 @@
+// A day in what somebody searches for, as the reader's language writes it.
+import { language } from "./words.js";
+
+const MONTH = "(?<name>\\p{L}{3,})\\.?";
+const WRITTEN = [
+  /(?<year>\d{4})[-/.](?<month>\d\d?)[-/.](?<day>\d\d?)/,
+  /(?<day>\d\d?)\.(?<month>\d\d?)(?:\.(?<year>\d{4}))?(?!\d)/,
+  /(?:(?<year>\d{4})年)?(?<month>\d\d?)月(?<day>\d\d?)日?/,
+  new RegExp(`(?<day>\\d\\d?)\\s+${MONTH}(?:,?\\s+(?<year>\\d{4})(?: р\\.)?)?`, "u"),
+  new RegExp(`${MONTH}\\s+(?<day>\\d\\d?)(?!\\d)(?:,?\\s+(?<year>\\d{4}))?`, "u"),
+];
+
+/** @type {Intl.DateTimeFormatOptions[]} */
+const STYLES = [{ day: "numeric", month: "long" }, { day: "numeric", month: "short" }];
+
+/** Number of a month by its name, or the beginning of it; 0 for any other word. */
+function monthOf(name) {
+  const names = (month) => STYLES.map((style) =>
+    new Intl.DateTimeFormat(language.get(), style).formatToParts(new Date(2024, month, 1)).find(({ type }) => type === "month").value.toLowerCase());
+  return Array.from({ length: 12 }, (_, month) => names(month)).findIndex((known) => known.some((one) => one.startsWith(name))) + 1;
+}
+
+/**
+ * The first day in a text: what of the text names it, and the beginnings of its hours in UTC, as the bench writes them
+ * (`2026-11-25t07`, without a year `-11-25t07`). The page shows local time. Null without one.
+ */
+export function dayIn(text) {
+  for (const pattern of WRITTEN) {
+    const [found, groups] = [text.match(pattern), text.match(pattern)?.groups];
+    const month = groups && (groups.name ? monthOf(groups.name) : Number(groups.month));
+    const begin = month && new Date(Number(groups.year ?? new Date().getFullYear()), month - 1, Number(groups.day));
+    if (!begin || begin.getMonth() !== month - 1) continue;
+    const hours = Array.from({ length: 24 }, (_, hour) => new Date(begin.getTime() + hour * 3.6e6).toISOString().toLowerCase());
+    return { found: found[0], hours: hours.map((iso) => iso.slice(groups.year ? 0 : 4, 13)) };
+  }
+  return null;
+}

@@ -1,0 +1,19 @@
+// Names of plans and runs for people.
+import { moment, or, t } from "./words.js";
+
+/** A shipped plan has a name in every language; others show their file's name. */
+export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}`, plan.title);
+
+/** Name of the plan of a run; of an import its file. */
+export function planName(run) {
+  const [, file] = run.profile?.match(/^import(?: of |_)(.+)$/) ?? [];
+  return file ? `${t("units.kind.import")}: ${file}` : planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
+}
+
+/** A run by its id, for people: plan and moment; a folder that is not named by both keeps its name. */
+export function runTitle(run) {
+  const folder = run.split("/").pop();
+  const [, day, hour, minute, second, profile] = folder.match(/^(\d{8})T(\d\d)(\d\d)(\d\d)Z_(.+)$/) ?? [];
+  if (!profile) return folder;
+  return `${planName({ profile })} · ${moment(`${day.replace(/(....)(..)(..)/, "$1-$2-$3")}T${hour}:${minute}:${second}Z`)}`;
+}
