@@ -11,6 +11,7 @@ from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.grammar import Grammar
+from bench.analysis.diagnosis.states import states
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
@@ -144,7 +145,7 @@ def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
         )
     grammar = Grammar([run], [np.isfinite(run.bias)])
     driver = next(block for block in grammar.drivers() if block.text == "lag(dT_dt, {tau_s})")
-    blocks = [*grammar.alone(), *driver.variants(run.time[-1])]
+    blocks = [*states(grammar.ranges), *driver.variants(run.time[-1])]
     for start, values, truth in (
         ("(temperature - lag(temperature", {"tau_s": 900.0, "faster": 0.03}, glue),
         ("(temperature - slew(", {"per_min": 0.8}, slow),

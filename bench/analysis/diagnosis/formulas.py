@@ -251,7 +251,7 @@ class FormulaSearch:
         inner = np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])) + 1
         inner = inner[inner > 1.5 * _PADDED]
         top = inner[np.argsort(-power[inner])[:_PEAKS]]
-        return [float(size * problem.interval_s / i) for i in top] or [self.grammar.length_s / 4.0]
+        return [float(size * problem.interval_s / i) for i in top] or [self.grammar.ranges.length_s / 4.0]
 
 
 @lru_cache(maxsize=512)

@@ -1,0 +1,146 @@
+"""Blocks of a formula that act by a state of their own: what adds up, snaps over, relaxes, runs into limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.analysis.diagnosis.blocks import Block, lagged, lags, loop, unit_of
+from bench.analysis.diagnosis.ranges import Ranges, inner
+
+_SET_POINTS = (0.15, 0.35, 0.45, 0.5, 0.55, 0.65, 0.85)  # quantiles of a channel that a loop may hold
+
+
+def states(ranges: Ranges) -> list[Block]:
+    """What acts by itself and is scaled by nothing: starts, exposure that adds up, what is fast of a channel."""
+    length_s, (low, high) = ranges.length_s, ranges.temperature
+    rates = tuple((f, h) for f in (0.02, 0.05, 0.1) for h in (0.05, 0.2, 0.8))
+    latch = _latch(ranges)
+    blocks = [
+        Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
+        Block("total((temperature - {centre}) + abs(temperature - {centre}))", "time spent above a temperature",
+              "degC h", (("centre", (low, high)),), inner(low, high, 9), places=1),
+        latch,
+        replace(latch, text=f"lag({latch.text}, {{tau_s}})", words=f"the memory of {latch.words}",
+                bounds=(*latch.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
+                grid=tuple((*one, tau) for one in latch.grid for tau in (200.0, 800.0))),
+        Block("highest(temperature)", "the highest temperature so far", "degC"),
+        Block("lowest(temperature)", "the lowest temperature so far", "degC"),
+        Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
+        Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
+              "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
+    ]  # fmt: skip
+    blocks += [
+        _vapour(ranges, "temperature", "temperature"),
+        _behind(ranges),
+        _relaxing(ranges),
+        _turned(ranges, "temperature", "temperature"),
+    ]
+    if ranges.gap:
+        blocks += [
+            _vapour(ranges, "chamber_temperature", "air's temperature"),
+            _hinge(ranges),
+            _turned(ranges, "chamber_temperature", "air's temperature"),
+        ]
+        blocks.append(_film("(chamber_temperature - temperature)", "the air is warmer than the unit"))
+        blocks.append(_film("(temperature - chamber_temperature)", "the unit is warmer than the air"))
+    for name in ranges.switched:
+        late = f"delay({name}, 30)"
+        for words, text in (("starts", f"({name} - {late})"), ("stops", f"({late} - {name})")):
+            rises = f"({text} + abs({text}))"
+            blocks.append(replace(lagged(rises, f"the {words} of the {name}", "", length_s), drives=True))
+    for name in ranges.moved:
+        low, high = ranges.of(name)
+        fast = f"({name} - lag({name}, {{tau_s}}))**2"
+        ends, tried = (("tau_s", (30.0, max(length_s / 4.0, 100.0))),), lags(length_s / 4.0, 2)
+        blocks += [
+            _wound(ranges, name),
+            replace(loop(name, (low, high), unit_of(name)), drives=True),
+            Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried,
+                  drives=True),
+        ]  # fmt: skip
+    return blocks
+
+
+def _latch(ranges: Ranges) -> Block:
+    """What snaps over above one temperature, and back below a lower one."""
+    low, high = ranges.temperature
+    span = high - low
+    shares = (0.03, 0.09, 0.15, 0.21, 0.27, 0.36)
+    grid = tuple((*one, share * span) for one in inner(low, high, 15) for share in shares)
+    ends = (("centre", (low, high)), ("width", (0.005 * span, 0.5 * span)))
+    return Block(
+        "latch(temperature, {centre} + {width}, {centre} - {width})",
+        "a state that changes above one temperature, and back below another",
+        "",
+        ends,
+        grid,
+        places=2,
+    )
+
+
+def _vapour(ranges: Ranges, name: str, called: str) -> Block:
+    """What is taken up and given off by its pressure, which is an exponential of a temperature."""
+    tried = tuple((faster, *one) for faster in (-0.06, 0.06) for one in lags(ranges.length_s / 2.0, 2))
+    bounds = (("faster", (-0.12, 0.12)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    words = f"the memory of an exponential of the {called}"
+    return Block(f"lag(exp({{faster}} * ({name} - 25)), {{tau_s}})", words, "", bounds, tried)
+
+
+def _behind(ranges: Ranges) -> Block:
+    """What a part that follows the temperature no faster than at some rate is behind it."""
+    most = ranges.fastest
+    words = "how far a part that follows the temperature at a limited rate is behind"
+    tried = tuple((share * most,) for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95))
+    text = "(temperature - slew(temperature, {per_min}))"
+    return Block(text, words, "degC", (("per_min", (0.02 * most, most)),), tried)
+
+
+def _relaxing(ranges: Ranges) -> Block:
+    """What follows the temperature, faster or slower when it is warm."""
+    tried = tuple((*one, faster) for one in lags(ranges.length_s, 1) for faster in (-0.03, 0.03, 0.06))
+    bounds = (("tau_s", (20.0, max(ranges.length_s, 200.0))), ("faster", (-0.12, 0.12)))
+    return Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
+                 "a part that follows the temperature, faster when it is warm", "degC", bounds, tried)  # fmt: skip
+
+
+def _hinge(ranges: Ranges) -> Block:
+    """What the gap between air and unit drags along with play."""
+    wide = 2.0 * ranges.widest
+    words = "what the gap between air and unit drags along with play"
+    bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
+    return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
+
+
+def _turned(ranges: Ranges, name: str, called: str) -> Block:
+    """What changes over at one temperature, and takes its time."""
+    low, high = ranges.of(name)
+    span = high - low
+    tried = tuple((*one, share * span, *tau) for one in inner(low, high, 11) for share in (0.02, 0.1)
+                  for tau in lags(ranges.length_s / 4.0, 2))  # fmt: skip
+    bounds = (("centre", (low, high)), ("width", (0.005 * span, 0.4 * span)),
+              ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))  # fmt: skip
+    words = f"the memory of a step over the {called}"
+    return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
+                 drives=True)  # fmt: skip
+
+
+def _wound(ranges: Ranges, name: str) -> Block:
+    """An integral of a channel that runs into its limits: a loop integrates what is left about its set point."""
+    low, high = ranges.of(name)
+    points = np.quantile(ranges.values(name), _SET_POINTS)
+    summed = f"total(({name} - {{centre}}))"
+    most = (high - low) * ranges.length_s / 3600.0
+    ends = (0.0002 * most, 0.5 * most)
+    tried = tuple((float(c), share * most) for c in points for share in (0.002, 0.006, 0.02, 0.08))
+    bounds = (("centre", (low, high)), ("width", ends))
+    return Block(f"({summed} - play({summed}, {{width}}))", f"an integral of the {name} between two limits",
+                 f"{unit_of(name)} h", bounds, tried, places=1)  # fmt: skip
+
+
+def _film(gap: str, words: str) -> Block:
+    """What grows with a difference, and is lost faster or slower by the opposite one until nothing is left."""
+    flow = f"total({gap} + {{loss}} * ({gap} - abs({gap})))"
+    return Block(f"({flow} - lowest({flow}))", f"a film that grows while {words}", "degC h",
+                 (("loss", (-0.45, 5.0)),), ((-0.25,), (0.0,), (0.5,), (2.0,)))  # fmt: skip
