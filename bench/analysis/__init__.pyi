@@ -4,9 +4,6 @@ from .diagnosis.answer import Place as Place
 from .diagnosis.answer import SuspectedEffect as SuspectedEffect
 from .diagnosis.answer import Value as Value
 from .diagnosis.compare import ROTATION as ROTATION
-from .diagnosis.compare import Comparison as Comparison
-from .diagnosis.compare import HeldOut as HeldOut
-from .diagnosis.compare import Score as Score
 from .diagnosis.compare import compare as compare
 from .diagnosis.compare import error_of as error_of
 from .diagnosis.compare import ladder as ladder
@@ -21,6 +18,9 @@ from .diagnosis.improve import Improvement as Improvement
 from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
 from .diagnosis.kernel import Kernel as Kernel
+from .diagnosis.scores import Comparison as Comparison
+from .diagnosis.scores import HeldOut as HeldOut
+from .diagnosis.scores import Score as Score
 from .diagnosis.sentences import UNSEEN as UNSEEN
 from .diagnosis.sentences import made_from as made_from
 from .diagnosis.sentences import ranking_reason as ranking_reason

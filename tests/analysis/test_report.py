@@ -10,8 +10,9 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from bench.analysis.diagnosis.compare import HeldOut, compare, ladder
+from bench.analysis.diagnosis.compare import compare, ladder
 from bench.analysis.diagnosis.pieces import pieces_of
+from bench.analysis.diagnosis.scores import HeldOut
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.analysis import Analysis
 from bench.analysis.judging.branches import branch_gap

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Comparison, HeldOut, Score, SegmentScore, interval_of, segment_name
+from bench.analysis.diagnosis.compare import interval_of, segment_name
+from bench.analysis.diagnosis.scores import Comparison, HeldOut, Score, SegmentScore
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.every_sample import FOLDS, Pass, SampledRun, read
 from bench.analysis.fit.fitting import refuse_corrected

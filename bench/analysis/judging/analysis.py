@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Comparison, Score
+from bench.analysis.diagnosis.scores import Comparison, Score
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.diagnosed import Diagnosed
 from bench.analysis.judging.joints import Joint

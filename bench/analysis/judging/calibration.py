@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score
+from bench.analysis.diagnosis.scores import Score
 from bench.analysis.noise.floor import Floor
 from bench.base import FloatArray, __version__, finite
 from bench.record import Manifest

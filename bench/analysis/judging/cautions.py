@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Comparison, Score, ladder, plain_name
+from bench.analysis.diagnosis.compare import ladder, plain_name
+from bench.analysis.diagnosis.scores import Comparison, Score
 from bench.analysis.judging.completeness import DAMAGED_BYTES, LOST, Completeness
 from bench.analysis.judging.joints import Joint
 from bench.analysis.noise.floor import Floor

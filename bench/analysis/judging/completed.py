@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import HeldOut, Score
+from bench.analysis.diagnosis.scores import HeldOut, Score
 from bench.analysis.fit.design import FitRows, fit_rows
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.judging.calibration import calibration

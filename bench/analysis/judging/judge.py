@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score, beside_rotation, compare, ladder
+from bench.analysis.diagnosis.compare import beside_rotation, compare, ladder
 from bench.analysis.diagnosis.diagnose import SISTERS_ALONE
+from bench.analysis.diagnosis.scores import Score
 from bench.analysis.effects.model import Model
 from bench.analysis.judging.analysis import NEXT_PROFILE, Analysis
 from bench.analysis.judging.calibration import calibration

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import HeldOut, Score
+from bench.analysis.diagnosis.scores import HeldOut, Score
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.judging.calibration import calibration

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score, rates_of
+from bench.analysis.diagnosis.compare import rates_of
+from bench.analysis.diagnosis.scores import Score
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import fit_model

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score
+from bench.analysis.diagnosis.scores import Score
 from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.cautions import short_branches, unproven

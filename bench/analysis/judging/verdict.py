@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import Score
+from bench.analysis.diagnosis.scores import Score
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.diagnosed import Diagnosed
 from bench.analysis.thresholds import ADEQUATE_RATIO

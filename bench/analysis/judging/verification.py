@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.diagnosis.compare import HeldOut, error_of
+from bench.analysis.diagnosis.compare import error_of
+from bench.analysis.diagnosis.scores import HeldOut
 from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness
 from bench.analysis.judging.expressed import Measurements
