@@ -36,12 +36,6 @@ gc.disable()
 """Until all tests are collected: nothing of what is imported meanwhile is garbage."""
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers():
-    """One worker more than processors (`-n auto`): tests in real time wait for half of their time."""
-    return (os.cpu_count() or 1) + 1
-
-
 def pytest_unconfigure():
     """The end of the run: nothing that it started stays."""
     if GUARD is not None:
