@@ -280,9 +280,10 @@ def _minima(grid: Sequence[Start]) -> list[Start]:
 
     A point without a height, where a run was too short for it, is as high as none.
     """
+    grid = [start if np.isfinite(start.height) else replace(start, height=np.inf) for start in grid]
     if not grid or not grid[0].theta:
-        return list(grid)
-    heights = np.array([start.height if np.isfinite(start.height) else np.inf for start in grid])
+        return grid
+    heights = np.array([start.height for start in grid])
     places = np.column_stack(
         [np.unique(values, return_inverse=True)[1] for values in zip(*(s.theta for s in grid), strict=True)]
     )
