@@ -216,18 +216,18 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     names = tuple(rival.name for rival in rivals)
     often = after.after(before, _MOST_RUNS).probability
     tried = len(library) + len(longer) - _CLOSELY
-    promise = f"with a probability of {after.probability:.0%} ({before.probability:.0%} without it"
+    promise = f"with a probability of {100 * after.probability:.0f} % ({100 * before.probability:.0f} % without it"
     if often < _HOPELESS:
         why = (
             f"no profile within the limits of the chamber and {limits.budget_min / 60.0:g} h can tell {listed(names)} "
-            f"apart: the best of {tried} tried decides with a probability of {after.probability:.0%}, and "
-            f"{_MOST_RUNS} such runs with {often:.0%}"
+            f"apart: the best of {tried} tried decides with a probability of {100 * after.probability:.0f} %, and "
+            f"{_MOST_RUNS} such runs with {100 * often:.0f} %"
         )
     elif after.probability >= _ENOUGH:
         why = f"{plan.reason}. Of {tried} profiles tried it is the shortest that decides: {promise})"
     else:
-        why = f"{plan.reason}. Of {tried} profiles tried it is the best: it decides {promise}, {often:.0%} after "
-        why += f"{_MOST_RUNS} such runs); diagnose all runs together after it"
+        why = f"{plan.reason}. Of {tried} profiles tried it is the best: it decides {promise}, {100 * often:.0f} % "
+        why += f"after {_MOST_RUNS} such runs); diagnose all runs together after it"
     found = _proposal(plan, limits, names, why, (before.gap, after.gap))
     return replace(
         found, expected=(before.probability, after.probability), after_repeats=often, decides=often >= _HOPELESS
