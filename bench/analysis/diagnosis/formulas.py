@@ -84,9 +84,14 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still(), self._workers)
         paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
+        leaders = self._leaders(rough, scan, formulas)
+        # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
+        alone = {one.blocks[0].text: index for index, one in enumerate(singles)}
+        parts = [block.text for index in leaders[:_GROWN] for block in formulas[index].blocks]
+        leaders += [alone[text] for text in parts if text in alone]
         tasks = [
             partial(self._refined, formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
-            for index in self._leaders(rough, scan, formulas)
+            for index in dict.fromkeys(leaders)
         ]
         found = shared(tasks, self._workers)
         found.sort(key=lambda one: -one.evidence)
@@ -187,11 +192,7 @@ class FormulaSearch:
             shares.update(blocks)
             if len(found) >= 2 * _BEAM:
                 break
-        # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
-        single = [i for i, one in enumerate(formulas) if len(one.blocks) == 1 and not one.degree]
-        alone = {formulas[i].blocks[0].text: i for i in reversed(single)}
-        parts = [block.text for index in found[:_GROWN] for block in formulas[index].blocks]
-        return list(dict.fromkeys([*found, *(alone[text] for text in parts if text in alone)]))
+        return found
 
     def _refined(self, formula: Formula, candidate: Candidate, grid: Sequence[Start], price: float) -> FoundFormula:
         theta, point, reached = self._refiner.refine(candidate, grid, self._best)
