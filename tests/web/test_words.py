@@ -230,8 +230,8 @@ def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:
         assert not re.search(r"[A-Za-z]{2,}|[{}]", text), text
     english = spoken("pages/workbench/sentence.js", "reasons", cases[-2:], "en")
     assert english[0][1:] == [
-        "Diagnose all runs together after it, and again if it does not decide: three such runs decide with a "
-        "probability of 99 %.",
+        "Diagnose all runs together after it, and again if it does not decide. If one of them alone is the cause, "
+        "three such runs decide with a probability of 99 %.",
     ]
     assert "No profile within the limits of the chamber can tell them apart" in english[1][0]
 

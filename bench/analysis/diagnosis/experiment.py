@@ -216,7 +216,10 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits
     names = tuple(rival.name for rival in rivals)
     often = after.after(before, _MOST_RUNS).probability
     tried = len(library) + len(longer) - _CLOSELY
-    promise = f"with a probability of {100 * after.probability:.0f} % ({100 * before.probability:.0f} % without it"
+    promise = (
+        f"with a probability of {100 * after.probability:.0f} %, if one of them alone is the cause "
+        f"({100 * before.probability:.0f} % without it"
+    )
     if often < _HOPELESS:
         why = (
             f"no profile within the limits of the chamber and {limits.budget_min / 60.0:g} h can tell {listed(names)} "
