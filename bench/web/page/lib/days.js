@@ -26,7 +26,8 @@ function monthOf(name) {
  */
 export function dayIn(text) {
   for (const pattern of WRITTEN) {
-    const [found, groups] = [text.match(pattern), text.match(pattern)?.groups];
+    const found = text.match(pattern);
+    const groups = found?.groups;
     const month = groups && (groups.name ? monthOf(groups.name) : Number(groups.month));
     const begin = month && new Date(Number(groups.year ?? new Date().getFullYear()), month - 1, Number(groups.day));
     if (!begin || begin.getMonth() !== month - 1) continue;
