@@ -1,9 +1,12 @@
 """The engine on records of its own making: the truth integrates states at 1 s, the candidates see 30 s means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.polynomial.chebyshev import chebvander
 from numpy.testing import assert_allclose
+from scipy.optimize import differential_evolution
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, joint
 from bench.analysis.diagnosis.evidence import drawn, exceeded, weigh
@@ -239,3 +242,22 @@ def test_parameters_are_refined_beyond_the_grid():
     found = weigh(data, [lag], nulls=0, lattice=LATTICE).suspects[0]
     on_grid = min(refiner.height(lag, theta, found.point) for theta in lag.grid())
     assert refiner.height(lag, found.theta, found.point) < on_grid
+
+
+def late_beyond(theta):
+    """What begins at a temperature, late: two parameters, one of them a place."""
+    return ramp_invariant_lag(TIME, np.maximum(TEMPERATURE - theta[0], 0.0), theta[1])[:, None]
+
+
+def test_no_other_search_finds_lower_parameters():
+    bounds = {"centre": LIMITS, "tau_s": (20.0, 2000.0)}
+    parameters = tuple(Parameter(name, "", *ends, ends[0]) for name, ends in bounds.items())
+    beyond = Candidate("beyond", late_beyond, parameters=parameters, change_point=True, points=9)
+    data = problem("nothing")
+    data = replace(data, y=data.y + 0.02 * late_beyond((31.7, 437.0))[:, 0])
+    found = weigh(data, [beyond], nulls=0, lattice=LATTICE).suspects[0]
+    refiner = Refiner(data, LATTICE)
+    other = differential_evolution(
+        lambda theta: refiner.height(beyond, tuple(theta), found.point), list(bounds.values()), rng=1, maxiter=40
+    )
+    assert refiner.height(beyond, found.theta, found.point) < other.fun + 0.01

@@ -19,6 +19,7 @@ from bench.analysis.diagnosis.candidates import (
     outside,
     to_unit,
 )
+from bench.analysis.diagnosis.descent import descend
 from bench.analysis.noise.likelihood import STEPS, NoiseLattice, Point, Surface, beside, gls, spanned
 from bench.analysis.noise.probability import CHI2_95
 from bench.analysis.noise.whitening import Whitener
@@ -26,6 +27,9 @@ from bench.base import BoolArray, FloatArray
 
 _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes
+_MOVED = 0.5  # of -2 ln L: a search that gains more has seen where to go
+_LEAST = 0.1  # of -2 ln L, for which one goes on
+_CORNER = 0.02  # of a parameter's range: size of the first simplex
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,15 @@ class Whitened(NamedTuple):
     freedom: int
 
 
+class Seen(NamedTuple):
+    """Base and candidate at one noise: -2 ln L, sigma^2, the whitened rest (n,) and the part ln |X' C^-1 X| of it."""
+
+    height: float
+    sigma2: float
+    rest: FloatArray
+    volume: float
+
+
 class Refiner:
     """-2 ln L (restricted, see `evidence`) of candidates of one problem at any parameters and lattice points; what a
     noise point needs is kept.
@@ -90,17 +103,20 @@ class Refiner:
 
     def _measured(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
         """`height` and `sigma2`."""
-        at = self.at(point)
-        rss, volume = self._judged(candidate, theta, point)
-        sigma2 = (rss + at.still) / at.freedom
-        return at.freedom * float(np.log(sigma2)) + at.log_det + volume, sigma2
+        seen = self._seen(candidate, [theta], point)[0]
+        return seen.height, seen.sigma2
 
-    def _judged(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[float, float]:
-        """That square sum, and ln |X' C^-1 X| of base and candidate, the candidate's relative to white noise."""
-        own = candidate.columns(theta)
-        rss, there, kept = self._left(candidate, own, point)
-        volume = self.at(point).volume if candidate.kind == "term" else self._flat.volume
-        return rss, volume + there - self._flat_volume(candidate, own, kept)
+    def _seen(self, candidate: Candidate, thetas: Sequence[Theta], point: Point) -> list[Seen]:
+        """Base and candidate at some parameters, which are whitened at once."""
+        at, own = self.at(point), [candidate.columns(theta) for theta in thetas]
+        white = np.split(self.lattice.at([point])[0][0].apply(np.column_stack(own)), len(own), axis=1)
+        found = []
+        for mine, columns in zip(own, white, strict=True):
+            rest, volume, kept = self._left(candidate, columns, at)
+            volume += (at if candidate.kind == "term" else self._flat).volume - self._flat_volume(candidate, mine, kept)
+            sigma2 = max((float(rest @ rest) + at.still) / at.freedom, 1e-300)
+            found.append(Seen(at.freedom * float(np.log(sigma2)) + at.log_det + volume, sigma2, rest, volume))
+        return found
 
     def _flat_volume(self, candidate: Candidate, own: FloatArray, kept: BoolArray) -> float:
         """Volume ln |X' X| of own columns beside the base under white noise, kept for further points."""
@@ -111,16 +127,15 @@ class Refiner:
             self._last = own, kept, beside(white, np.zeros(len(white)))[1]
         return self._last[2]
 
-    def _left(self, candidate: Candidate, own: FloatArray, point: Point) -> tuple[float, float, BoolArray]:
-        """Square sum beside base and own columns, ln |X' C^-1 X| of the latter, and which of them count."""
-        at, columns = self.at(point), self.lattice.at([point])[0][0].apply(own)
-        kept, response = np.ones(own.shape[1], dtype=bool), at.white
+    @staticmethod
+    def _left(candidate: Candidate, columns: FloatArray, at: Whitened) -> tuple[FloatArray, float, BoolArray]:
+        """Rest (n,) beside base and own whitened columns, ln |X' C^-1 X| of the latter, and which of them count."""
+        kept, response = np.ones(columns.shape[1], dtype=bool), at.white
         if candidate.kind == "term":
             before = np.linalg.norm(columns, axis=0)
             columns = outside(at.basis, columns)
             kept, response = np.linalg.norm(columns, axis=0) > 3e-5 * before, at.residual
-        left, volume = beside(columns[:, kept] if not kept.all() else columns, response)
-        return max(left, 1e-300), volume, kept
+        return *beside(columns[:, kept] if not kept.all() else columns, response), kept
 
     @cached_property
     def _flat(self) -> Whitened:
@@ -171,29 +186,47 @@ class Refiner:
         return Start(start.theta, point, surface.height(point))
 
     def _search(self, candidate: Candidate, start: Start, roughly: bool = False) -> Start:
-        """Parameters improved at fixed noise: one downhill by grid steps from the start, several by simplex.
+        """Parameters improved at fixed noise: one downhill by grid steps, several by Gauss-Newton.
 
         Roughly: only so far that the best of several starts is known.
         """
-        function = self._of_unit(candidate, start.point)
         at = _unit(candidate, start.theta)
         if len(at) == 1:
             step = 1.0 / max(1, len(candidate.grid()) - 1)
+            function = self._of_unit(candidate, start.point)
             unit, height = _downhill(lambda u: function(np.array([u])), float(at[0]), step)
-        else:
-            simplex = scipy.optimize.minimize(
-                function,
-                at,
-                method="Nelder-Mead",
-                bounds=[(0.0, 1.0)] * len(at),
-                options={"maxfev": 60 * len(at), "xatol": 5e-3, "fatol": 0.2}
-                if roughly
-                else {"maxfev": 60 * len(at), "xatol": 1e-4, "fatol": 1e-3},
-            )
-            unit, height = np.asarray(simplex.x), float(simplex.fun)
-        if height >= start.height:
-            return start
-        return Start(_theta(candidate, unit), start.point, height)
+            return Start(_theta(candidate, unit), start.point, height) if height < start.height else start
+        found = self._newton(candidate, start, roughly)
+        if not candidate.change_point or start.height - found.height > _MOVED:
+            return found
+        moved = self._simplex(candidate, found)  # where no row is near a place, slopes do not see it
+        return self._newton(candidate, moved, roughly) if moved.height < found.height - _LEAST else found
+
+    def _newton(self, candidate: Candidate, start: Start, roughly: bool) -> Start:
+        def slopes(unit: FloatArray, steps: FloatArray, here: Seen) -> tuple[FloatArray, FloatArray]:
+            away = np.where(unit > 0.5, -steps, steps)
+            near = self._seen(candidate, [_theta(candidate, each) for each in unit + np.diag(away)], start.point)
+            rests = np.column_stack([each.rest - here.rest for each in near]) / away
+            volumes = np.array([each.volume - here.volume for each in near]) / away
+            return 2.0 * rests.T @ here.rest / here.sigma2 + volumes, 2.0 * rests.T @ rests / here.sigma2
+
+        def seen(unit: FloatArray) -> Seen:
+            return self._seen(candidate, [_theta(candidate, unit)], start.point)[0]
+
+        unit, height = descend(seen, slopes, _unit(candidate, start.theta), _LEAST / 2.0 if roughly else 1e-3)
+        return Start(_theta(candidate, unit), start.point, height) if height < start.height else start
+
+    def _simplex(self, candidate: Candidate, start: Start) -> Start:
+        at = _unit(candidate, start.theta)
+        corners = np.vstack([at, at + np.diag(np.where(at < 0.5, _CORNER, -_CORNER))])
+        found = scipy.optimize.minimize(
+            self._of_unit(candidate, start.point),
+            at,
+            method="Nelder-Mead",
+            bounds=[(0.0, 1.0)] * len(at),
+            options={"maxfev": 60 * len(at), "xatol": 5e-3, "fatol": 0.2, "initial_simplex": corners},
+        )
+        return Start(_theta(candidate, found.x), start.point, float(found.fun))
 
     def _of_unit(self, candidate: Candidate, point: Point) -> Callable[[FloatArray], float]:
         return lambda unit: self.height(candidate, _theta(candidate, unit), point)

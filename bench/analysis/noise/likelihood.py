@@ -244,12 +244,11 @@ def coordinates(white: FloatArray) -> FloatArray | None:
     return inverse if float(np.diagonal(lower).min(initial=1.0)) ** 2 > _PLAIN else None
 
 
-def beside(white: FloatArray, response: FloatArray) -> tuple[float, float]:
-    """Square sum of a response (n,) outside whitened columns X (n, p), and ln |X'X|."""
+def beside(white: FloatArray, response: FloatArray) -> tuple[FloatArray, float]:
+    """What of a response (n,) lies outside whitened columns X (n, p), and ln |X'X|."""
     if white.shape[1] == 1 and (own := white[:, 0]).any():
         power = float(own @ own)
-        rest = response - own * (float(own @ response) / power)
-        return float(rest @ rest), float(np.log(power))
+        return response - own * (float(own @ response) / power), float(np.log(power))
     inverse = coordinates(white)
     if inverse is None:
         basis, volume = spanned(white, np.ones(white.shape[1]))
@@ -258,7 +257,7 @@ def beside(white: FloatArray, response: FloatArray) -> tuple[float, float]:
         rest, volume = response, -2.0 * float(np.log(np.diagonal(inverse)).sum())
         for _ in range(2):  # the second step takes away the rounding of the first
             rest = rest - white @ (inverse.T @ (inverse @ (white.T @ rest)))
-    return float(rest @ rest), volume
+    return rest, volume
 
 
 def minus2logl(records: Sequence[Record], ways: Sequence[Whitener], restricted: bool) -> tuple[float, float]:
