@@ -102,6 +102,12 @@ def test_a_smaller_target_takes_longer_and_one_that_none_meets_is_refused(prior)
         shortest(prior, 0.01)
 
 
+def test_plans_after_which_the_lots_own_units_look_unlike_it_are_refused_for_that(prior, monkeypatch):
+    monkeypatch.setattr(Prior, "recognised", lambda *_: 0.9)
+    with pytest.raises(InputError, match=r"leave at most 0.6 deg/h .* of the lot's own units would look unlike"):
+        shortest(prior, 0.6)
+
+
 def test_the_error_that_a_plan_promises_is_about_the_one_that_is_reached(prior, random):
     plan = shortest(prior, 0.4)
     found = [reached(prior, plan, member(random), 1000 + i) for i in range(12)]

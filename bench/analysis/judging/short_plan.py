@@ -84,15 +84,24 @@ def shortest(prior: Prior, target_dph: float, fastest: tuple[float, float] | Non
     chamber = chamber_model(prior.records)
     plans = sorted(candidates(prior, driven, bounds, chamber), key=lambda plan: plan.duration_s)
     best: ShortPlan | None = None
+    unlike = 0
     for tried, plan in enumerate(plans, 1):
         found = judged(prior, plan, bounds, chamber, tried)
         if found.seen < 1.0:
             continue
-        if found.high_dph <= target_dph and _recognised(prior, plan, chamber):
-            return found
+        if found.high_dph <= target_dph:
+            if _recognised(prior, plan, chamber):
+                return found
+            unlike += 1
         best = found if best is None or found.high_dph < best.high_dph else best
     if best is None:
         raise InputError("no plan goes through all temperatures of this lot")
+    if unlike:
+        raise InputError(
+            f"{unlike} of {len(plans)} plans leave at most {target_dph:g} deg/h (--target), but after each of them "
+            f"more than {100.0 * (1.0 - _LEAST_RECOGNISED):.0f} % of the lot's own units would look unlike their lot "
+            "and need the whole run; give a larger target, or calibrate a larger lot"
+        )
     raise InputError(
         f"none of {len(plans)} plans is sure to leave at most {target_dph:g} deg/h (--target): the best is expected to "
         f"leave {_told(best)} in {best.plan.duration_s / 3600.0:.1f} h; give a larger target, or calibrate a larger lot"
