@@ -198,7 +198,7 @@ def _tell_unlike(root: Path, url: str, rows: Sequence[Mapping[str, Any]]) -> Non
         if not (folder / MANIFEST).is_file():
             print(f"bench: {folder / MANIFEST}: is not here, the registry knows it", file=sys.stderr)
             continue
-        (known,) = archive.of_run(RunFolder(folder), ledger, seen)["runs"].values()
+        known = next(iter(archive.of_run(RunFolder(folder), ledger, seen)["runs"].values()), {})
         unlike = [key for key, value in known.items() if row.get(key) != value]
         if unlike:
             raise InputError(f"run {row['path']}: {unlike[0]} is not what its folder says; {_REBUILD}", url)

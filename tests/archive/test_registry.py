@@ -27,6 +27,7 @@ from bench.record import chain as chain_module
 from bench.record import faults
 from bench.record import lines as lines_module
 from bench.record.folder import RunFolder
+from bench.record.records.lot import LotRecord
 from tests.support.databases import binaries, database, postgres
 from tests.support.run_folders import keep, make_run
 
@@ -171,6 +172,18 @@ def test_a_folder_that_cannot_be_read_is_named_and_stops_nothing(where, root):
     assert len(found.unreadable) == 1
     assert str(broken.path) in found.unreadable[0]
     assert good.path.exists()
+
+
+def test_the_calibration_of_a_lot_is_no_run_of_a_unit(where, root):
+    """`bench lot calibrate` registers nothing; neither does a rebuild, so that a fleet has no unit that nobody made."""
+    folder_of_run(root)
+    lot = folder_of_run(root, "L-7")
+    LotRecord(lot="L-7", model="m", runs=("r",), borders_degc=(0.0, 1.0), units=()).write(lot.path)
+    with open_registry(where) as registry:
+        rebuilt = rebuild(registry, archive(root))
+        assert rebuilt.counts["runs"] == 1
+        register(registry, lot, archive(root))
+        assert [row["unit"] for row in runs(registry)] == ["U-1"]
 
 
 def test_archives_that_share_a_registry_leave_each_other_alone(where, root, tmp_path):

@@ -19,6 +19,7 @@ from bench.record import (
     CertificateRecord,
     DiagnosisRecord,
     LimitsRecord,
+    LotRecord,
     RunFolder,
     StoredResidual,
     sha256,
@@ -111,8 +112,13 @@ def place_of(folder: RunFolder, ledger: Ledger) -> str:
 
 
 def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | None, str]]) -> Rows:
-    """The rows of one run folder, `seen` by its ledger; InputError where its manifest cannot be read."""
+    """The rows of one run folder, `seen` by its ledger; InputError where its manifest cannot be read.
+
+    A lot's calibration, which is made from runs of units, is no run of a unit: it has no row.
+    """
     rows = empty()
+    if (folder.path / LotRecord.FILE).is_file():
+        return rows
     manifest = folder.manifest()
     path = place_of(folder, ledger)
     unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
