@@ -18,14 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dtbtrs
 
 from bench.base import FloatArray
 
 _RATIO = 4.0  # of neighbouring time constants: the sum is within 1.5 % of 1/f (tests/test_whitening.py)
 _LONGEST_S = 131072.0  # 36 h: beyond any run, where flicker is a constant to the fit
 _BLOCK = 32
+_FEW = 8  # columns up to which one LAPACK call goes through the blocks faster than a product for each
 _AT_ONCE = 256  # columns that are whitened at once: more, and what is made of them does not fit the cache
 
 
@@ -120,14 +123,26 @@ class Whitener:
             white[whole:, part] = rest.reshape(-1, own.shape[2])[: self.rows - whole]
         return white.reshape(matrix.shape)
 
-    @staticmethod
-    def _whitened(transfer: FloatArray, whole: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
+    @cached_property
+    def _band(self) -> FloatArray:
+        """The recursion of the states (2 states, blocks * states), a unit triangle in LAPACK's banded form."""
+        count, states = self.rows // _BLOCK, self.transfer.shape[1] - _BLOCK
+        row, column = np.indices((states, states))
+        band = np.zeros((2 * states, count + 1, states))
+        band[states + row - column, :count, column] = -self.transfer[:count, :states, :states].transpose(1, 2, 0)
+        return np.asfortranarray(band.reshape(2 * states, -1))
+
+    def _whitened(self, transfer: FloatArray, whole: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same of a few columns in `whole` blocks (blocks, 32, k) and a `last` one (1, 32, k) that may be empty."""
         count, states = len(whole), transfer.shape[1] - _BLOCK
         state = np.zeros((len(transfer) + 1, states, whole.shape[2]), whole.dtype)  # before each block
         np.matmul(transfer[:count, :states, states:], whole, out=state[1 : count + 1])  # from its rows alone
-        for block in range(1, count):
-            state[block + 1] += np.dot(transfer[block, :states, :states], state[block])
+        if whole.shape[2] <= _FEW and whole.dtype == np.float64:
+            known = state[: count + 1]
+            known[:] = dtbtrs(self._band, known.reshape(-1, whole.shape[2]), uplo="L", diag="U")[0].reshape(known.shape)
+        else:
+            for block in range(1, count):
+                state[block + 1] += np.dot(transfer[block, :states, :states], state[block])
         inner = transfer[:count, states:, states:] @ whole
         inner += transfer[:count, states:, :states] @ state[:count]
         rest = transfer[count:, states:, states:] @ last[: len(transfer) - count]
