@@ -61,12 +61,20 @@ def test_counted_words_have_the_plural_forms_of_their_language(language: str) ->
     assert {key: have for key, have in counted.items() if have != PLURALS[language]} == {}
 
 
+CHINESE = [*(SOURCE.parents[1]).glob("**/words/**/zh.json"), SOURCE.parents[1] / "base" / "words" / "told.json"]
+
+
 def test_a_unit_and_the_bench_have_one_word_each_in_chinese() -> None:
     """产品 and 试验台, on the page, in what the bench says and in its reports."""
-    root = Path(__file__).parents[2] / "bench"
-    files = [*root.glob("**/words/**/zh.json"), root / "base" / "words" / "told.json"]
-    assert [path.name for path in files if re.search("器件|测试台", path.read_text(encoding="utf-8"))] == []
-    assert len(files) == 4
+    assert [path.name for path in CHINESE if re.search("器件|测试台", path.read_text(encoding="utf-8"))] == []
+    assert len(CHINESE) == 4
+
+
+@pytest.mark.parametrize("path", CHINESE, ids=lambda path: path.name)
+def test_no_chinese_text_has_a_space_beside_what_is_inserted(path: Path) -> None:
+    """The browser sets the gap between scripts (`text-autospace`); a space would stand between Chinese words, too."""
+    spaced = re.compile(r"[\u4e00-\u9fff] [\w{]|[\w}%] [\u4e00-\u9fff]")
+    assert spaced.findall(path.read_text(encoding="utf-8")) == []
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
