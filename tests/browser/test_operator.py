@@ -35,7 +35,7 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.get_by_text("No station has a unit nobody").wait_for()
     page.keyboard.type("sim-0001")
     page.keyboard.press("Enter")
-    page.get_by_role("button", name=re.compile("^simulated 1 unit")).click()
+    page.get_by_role("button", name=re.compile("^Embedded station 1 unit")).click()
     page.get_by_role("button", name=re.compile("^short")).click()
     page.get_by_text("Check passed").wait_for()
     page.get_by_label("Judge by these limits").select_option("short")
@@ -359,7 +359,7 @@ def test_two_browsers_see_the_same(bench, visitors):
 def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")
-    fill = page.get_by_role("region", name="four-units").get_by_role("button", name="Fill 4 slots")
+    fill = page.get_by_role("region", name="Four units").get_by_role("button", name="Fill 4 slots")
     focused = fill.evaluate(
         """async (button) => {
              const shown = new Promise((done) => {
@@ -381,7 +381,7 @@ def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
 def test_four_units_stand_side_by_side(bench, visitors):
     page = visitors.come(bench.site.address, scheme="dark")
     page.goto("/")
-    page.get_by_role("region", name="four-units").get_by_role("button", name="Fill 4 slots").click()
+    page.get_by_role("region", name="Four units").get_by_role("button", name="Fill 4 slots").click()
     page.get_by_role("button", name="Next").wait_for()
     for serial in ("SIM-0001", "SIM-0001"):
         page.keyboard.type(serial)

@@ -5,7 +5,7 @@ import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 import { Said } from "../../lib/said.js";
-import { planTitle } from "../../lib/names.js";
+import { planTitle, stationName, limitsName } from "../../lib/names.js";
 import { quantityWord, symbols } from "../../lib/words.js";
 
 const MOST_ROWS = 40;
@@ -61,7 +61,7 @@ function placed(where) {
 
 /** Values that the page has words for, by the last part of their place. */
 const VALUES = {
-  name: (id) => planTitle({ id, title: id }), kind: (kind) => or(`workbench.compare.kind.${kind}`, kind),
+  name: (id) => planTitle({ id, title: id }), station: stationName, limits: (id) => limitsName(id), kind: (kind) => or(`workbench.compare.kind.${kind}`, kind),
   state: (state) => or(`units.state.${state}`, state), purpose: (kind) => or(`units.kind.${kind}`, kind),
 };
 
