@@ -5,7 +5,7 @@ import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
 import { FOLLOWING_MODEL, START_MODEL, isOpen } from "./first.js";
 import { NextExperiment } from "./experiment.js";
-import { Ladder } from "./ladder.js";
+import { Ladder, floorWord } from "./ladder.js";
 import { ModelPanel, useModels } from "./model.js";
 import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
@@ -66,7 +66,7 @@ function Standing({ session, analysis, floor }) {
     ${last && html`<div class="wb-tiles" role="status">
       <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runTitle).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
-      <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
+      <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t(floorWord(last, floor))} />
     </div>`}
     ${last && html`<${Ladder} rungs=${rungs} floor=${floor} name=${`${runs.runs[0]} ladder`} />`}
     <${BySegment} segments=${analysis.result?.models[0].segments} />
