@@ -1,5 +1,5 @@
 // Two runs side by side, of one unit or of two: only the differences, largest first.
-import { duration, html, or, t, number, runTitle, unitOf } from "./parts.js";
+import { duration, html, or, t, number, runTitle, unitOf, Waiting } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
@@ -118,7 +118,7 @@ export function Compare({ a, b, setB, onClose }) {
     <p class="wb-pair"><span>A ${told(a)}</span> ${b && html`<span>B ${told(b)} <button type="button" class="wb-link" onClick=${() => setB("")}>${t("workbench.compare.another")}</button></span>`}</p>
     ${!b && html`<${Chooser} label=${t("workbench.compare.choose")} taken=${new Set([a])} onChoose=${(row) => row.run !== a && setB(row.run)} />`}
     ${b && html`<${Pictured} a=${a} b=${b} difference=${found?.figure} />`}
-    ${job.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.compare.running")}</p>`}
+    <${Waiting} job=${job}>${t("workbench.compare.running")}<//>
     ${job.failed && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
     ${found && !differing.length && html`<p role="status">${t("workbench.compare.same")}</p>`}
     ${differing.map((key) => html`<${Table} key=${key} part=${found[key]} caption=${parts[key]} open=${OPEN.includes(key)} name=${`${a} ${b} ${key}`} />`)}

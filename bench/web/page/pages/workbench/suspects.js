@@ -1,5 +1,5 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
-import { html, or, t, useState, measured, number } from "./parts.js";
+import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { effectWord, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
@@ -130,11 +130,11 @@ function Where({ places }) {
   </ul></details>`;
 }
 
-/** `found`: content of `bench diagnose`, or null while it is `running`; `failed`: its message. */
-export function Suspects({ found, failed, running, busy, picked, onAdd, onPicture }) {
+/** `found`: content of `bench diagnose`, or null while `waiting` for it; `failed`: its message. */
+export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPicture }) {
   const [all, setAll] = useState(false);
   if (failed) return html`<p class="wb-bad" role="alert"><${Said} text=${failed} /></p>`;
-  if (!found) return running && html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
+  if (!found) return html`<${Waiting} job=${waiting}>${t("workbench.diagnosis.running")}<//>`;
   const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
   const [first, ...rest] = sentences(found);
   const lead = leads(found);
