@@ -233,6 +233,9 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert held_out(page) < 0.5 * before
     written = page.get_by_role("textbox", name="formula of", exact=False)
     assert written.evaluate("(box) => box.scrollWidth <= box.clientWidth"), "a formula is seen whole"
+    ends = "(box) => [box, box.closest('li')].map((one) => one.getBoundingClientRect().right)"
+    field, line = written.evaluate(f"(box) => {{ box.value += ' + k'.repeat(40); return ({ends})(box); }}")
+    assert field <= line, "a long one stays in its line"
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
     page.get_by_text("Saved as mine").wait_for()
