@@ -112,4 +112,4 @@ def _plain(text: str, column: int) -> str | None:
     if not re.fullmatch(rules["measured"], text):
         return None
     parts = [_told(part, column) or (part if re.fullmatch(rules["bare"], part) else None) for part in text.split(" ")]
-    return None if None in parts else " ".join(map(str, parts))
+    return None if None in parts else re.sub(rules["tight"], "", " ".join(map(str, parts)))

@@ -64,6 +64,7 @@ def spreadsheet(rows):
     ("name", "content"),
     [
         ("din.csv", "Zeit/s;Drehrate/°/h;Temp./°C\n0;1;20\n1;-1;21\n2;1;22\n".encode("cp1252")),
+        ("signs.csv", "Zeit [ms];Ω_z °/h;T/°C;U_batt mV\n0;1;20;5000\n1000;-1;21;5010\n2000;1;22;5020\n"),
         ("words.csv", "Zeit in s,rate in deg/h,temperature in K\n0,1,293.15\n1,-1,294.15\n2,1,295.15\n"),
         ("capitals.csv", "TIME [S],RATE [DEG/S],TEMP [Deg C]\n" + ROWS.format(0, 1, 2)),
         ("lines_of_old_programs.csv", NUMBERED.replace("\n", "\r")),
@@ -85,6 +86,7 @@ def test_a_table_of_a_laboratory_is_read_as_it_is_written(tmp_path, name, conten
     factor = 3600 if name == "capitals.csv" else 1
     assert (plan.channels["rate"] / factor).tolist() == [1, -1, 1]
     np.testing.assert_allclose(plan.channels["temperature"], [20, 21, 22], atol=1e-9)
+    assert ("supply" in plan.channels) == (name == "signs.csv")
 
 
 @pytest.mark.parametrize(
@@ -100,6 +102,8 @@ def test_a_table_of_a_laboratory_is_read_as_it_is_written(tmp_path, name, conten
          "FILE:2: 'time' is '2026-10-25 01:30:00 CEST', no time as it is known; export times as 2026-01-31T14:00"),
         ("nbsp.csv", NUMBERED.replace(",", ";").replace(";20", ";1\xa0020,5"),
          "FILE:2: 'temp [degC]' is '1 020,5', not a number: separators of thousands?"),
+        ("neither.csv", NUMBERED.replace("rate", "a").replace("temp", "b"),
+         "FILE: no column is rate or temperature; the table has time, a [deg/h], "),
         ("no_time.csv", NUMBERED.replace("time", "Datum"),
          "FILE: no column is time; the table has Datum, rate [deg/h], "),
         ("two.csv", NUMBERED + ROWS.format(0, 1, 2),

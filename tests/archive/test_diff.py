@@ -97,6 +97,8 @@ def test_runs_without_results_are_compared_by_what_they_have(runs, tmp_path):
     assert answer.exit_code == 0
     assert "Models not compared: " in answer.stdout
     assert "Coefficients not compared: B has no calibration" in answer.stdout
+    twice = bench("diff", bare, make_run(tmp_path / "other", **ramp_run()))
+    assert "Coefficients not compared: neither A nor B has a calibration" in twice.stdout
 
 
 def test_what_is_no_run_is_bad_input(runs, tmp_path):

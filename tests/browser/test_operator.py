@@ -8,7 +8,7 @@ import pytest
 from bench.web.people import people
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.servers import site_over
-from tests.support.visiting import PATIENCE_MS, PICTURES, TABLET, picture
+from tests.support.visiting import DESKTOP, PATIENCE_MS, PHONE, PICTURES, TABLET, picture
 from tests.support.waiting import until
 
 
@@ -35,7 +35,7 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.get_by_text("No station has a unit nobody").wait_for()
     page.keyboard.type("sim-0001")
     page.keyboard.press("Enter")
-    page.get_by_role("button", name=re.compile("^simulated 1 unit")).click()
+    page.get_by_role("button", name=re.compile("^Embedded station 1 unit")).click()
     page.get_by_role("button", name=re.compile("^short")).click()
     page.get_by_text("Check passed").wait_for()
     page.get_by_label("Judge by these limits").select_option("short")
@@ -122,6 +122,17 @@ def test_the_start_page_is_small_and_brings_no_library_of_charts(site, visitors,
     files = [url for url in sizes if "/static/" in url and not url.endswith("icon.svg")]
     assert {url.rpartition(".")[2] for url in files} == {"js", "css"}
     assert all("immutable" in page.request.get(url).headers["cache-control"] for url in files)
+
+
+@pytest.mark.parametrize("locale", ["en-GB", "uk", "zh"])
+def test_every_page_is_in_sight_in_the_menu_of_a_telephone(site, visitors, locale):
+    page = visitors.come(site[0], locale=locale, size=PHONE)
+    page.goto("/")
+    page.locator("#serial").wait_for()
+    links = page.get_by_role("navigation").get_by_role("link").all()
+    assert len(links) == 8
+    for box in (link.bounding_box() for link in links):
+        assert box["x"] + box["width"] <= PHONE["width"]
 
 
 def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(bench, visitors):
@@ -287,9 +298,19 @@ def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(
             page.get_by_role("heading", name=name, exact=True).wait_for()
 
 
+SMALL = {"width": 1366, "height": 768}
+PLOTTED_PX = 200
+
+
+def plotted_px(page):
+    """Heights of the plotted areas, without axes, of temperatures and means."""
+    charts = page.get_by_role("img", name=re.compile("^(Curves of temperature|Mean output)"))
+    return charts.locator(".u-over").evaluate_all("(all) => all.map((one) => one.clientHeight)")
+
+
 def test_nothing_is_under_the_actions_of_a_small_screen(bench, visitors):
     run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
-    page = visitors.come(bench.site.address, size={"width": 1366, "height": 768})
+    page = visitors.come(bench.site.address, size=SMALL)
     page.goto(f"/live/{run}")
     page.get_by_role("progressbar").wait_for()
     picture(page, "live-small")
@@ -304,6 +325,12 @@ def test_nothing_is_under_the_actions_of_a_small_screen(bench, visitors):
     assert shown["height"] > 250
     assert shown["y"] + shown["height"] <= actions["y"] + 1
     assert actions["y"] + actions["height"] <= 769
+    for plot in page.locator(".live .plot").all():
+        box = plot.bounding_box()
+        assert box["y"] + box["height"] <= actions["y"] + 1, "the charts are in sight without scrolling"
+    for size in (SMALL, PHONE):
+        page.set_viewport_size(size)
+        assert min(plotted_px(page)) >= PLOTTED_PX
 
 
 def test_two_browsers_see_the_same(bench, visitors):
@@ -332,7 +359,7 @@ def test_two_browsers_see_the_same(bench, visitors):
 def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")
-    fill = page.get_by_role("region", name="four-units").get_by_role("button", name="Fill 4 slots")
+    fill = page.get_by_role("region", name="Four units").get_by_role("button", name="Fill 4 slots")
     focused = fill.evaluate(
         """async (button) => {
              const shown = new Promise((done) => {
@@ -354,7 +381,7 @@ def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
 def test_four_units_stand_side_by_side(bench, visitors):
     page = visitors.come(bench.site.address, scheme="dark")
     page.goto("/")
-    page.get_by_role("region", name="four-units").get_by_role("button", name="Fill 4 slots").click()
+    page.get_by_role("region", name="Four units").get_by_role("button", name="Fill 4 slots").click()
     page.get_by_role("button", name="Next").wait_for()
     for serial in ("SIM-0001", "SIM-0001"):
         page.keyboard.type(serial)
@@ -373,6 +400,9 @@ def test_four_units_stand_side_by_side(bench, visitors):
     assert page.locator(".output .chart > header .legend svg").first.is_visible(), "a number is told by its line"
     places = page.locator(".output").evaluate_all("(all) => all.map((one) => one.getBoundingClientRect().x)")
     assert places[:2] == places[2:], "two beside two"
+    page.set_viewport_size(SMALL)
+    assert min(plotted_px(page)) >= PLOTTED_PX
+    page.set_viewport_size(DESKTOP)
     if PICTURES:  # a curve is better to look at than its beginning
         page.get_by_text(re.compile("Segment [5-7] of")).first.wait_for(timeout=3 * PATIENCE_MS)
     picture(page, "live-four-dark")

@@ -231,6 +231,11 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     term.press("Enter")
     page.locator(".wb-fell").wait_for()
     assert held_out(page) < 0.5 * before
+    written = page.get_by_role("textbox", name="formula of", exact=False)
+    assert written.evaluate("(box) => box.scrollWidth <= box.clientWidth"), "a formula is seen whole"
+    ends = "(box) => [box, box.closest('li')].map((one) => one.getBoundingClientRect().right)"
+    field, line = written.evaluate(f"(box) => {{ box.value += ' + k'.repeat(40); return ({ends})(box); }}")
+    assert field <= line, "a long one stays in its line"
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
     page.get_by_text("Saved as mine").wait_for()
@@ -240,6 +245,18 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_role("textbox", name=re.compile("formula", re.IGNORECASE)).first.wait_for()
     values = [box.input_value() for box in page.locator(".wb-effects input.wb-code").all()]
     assert any("k * time" in value for value in values), values
+
+
+def test_a_long_computation_is_given_up_and_asked_again(page):
+    page.route("**/jobs/*", lambda route: route.continue_() if route.request.method == "DELETE" else None)
+    choose(page)
+    missing = page.get_by_role("region", name="Missing effects")
+    with page.expect_request(lambda request: request.method == "DELETE"):
+        missing.get_by_role("button", name="Cancel").click()
+    missing.get_by_text("Cancelled").wait_for()
+    page.unroute_all(behavior="ignoreErrors")
+    missing.get_by_role("button", name="Try again").click()
+    page.locator(".wb-verdict").wait_for()
 
 
 def test_what_is_being_typed_stays_while_the_page_is_drawn_again(page):

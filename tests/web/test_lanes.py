@@ -108,6 +108,17 @@ def test_a_job_ends_when_its_page_is_gone(jobs: Jobs, slow: Slow) -> None:
     assert (waiting.detail, running.detail) == (CANCELLED, CANCELLED)
 
 
+def test_who_asks_for_what_was_given_up_gets_a_job_of_their_own(jobs: Jobs, slow: Slow) -> None:
+    given_up = jobs.submit("diagnosis", "t", {}, key="k")
+    assert slow.begun.wait(30)
+    jobs.release(given_up)
+    again = jobs.submit("diagnosis", "t", {}, key="k")
+    assert again is not given_up
+    slow.go.set()
+    wait(jobs, again)
+    assert again.state == "done"
+
+
 def test_one_of_two_pages_does_not_take_the_answer_from_the_other(jobs: Jobs, slow: Slow) -> None:
     job = jobs.submit("diagnosis", "t", {}, key="k")
     jobs.submit("diagnosis", "t", {}, key="k")

@@ -61,12 +61,20 @@ def test_counted_words_have_the_plural_forms_of_their_language(language: str) ->
     assert {key: have for key, have in counted.items() if have != PLURALS[language]} == {}
 
 
+CHINESE = [*(SOURCE.parents[1]).glob("**/words/**/zh.json"), SOURCE.parents[1] / "base" / "words" / "told.json"]
+
+
 def test_a_unit_and_the_bench_have_one_word_each_in_chinese() -> None:
     """产品 and 试验台, on the page, in what the bench says and in its reports."""
-    root = Path(__file__).parents[2] / "bench"
-    files = [*root.glob("**/words/**/zh.json"), root / "base" / "words" / "told.json"]
-    assert [path.name for path in files if re.search("器件|测试台", path.read_text(encoding="utf-8"))] == []
-    assert len(files) == 4
+    assert [path.name for path in CHINESE if re.search("器件|测试台", path.read_text(encoding="utf-8"))] == []
+    assert len(CHINESE) == 4
+
+
+@pytest.mark.parametrize("path", CHINESE, ids=lambda path: path.name)
+def test_no_chinese_text_has_a_space_beside_what_is_inserted(path: Path) -> None:
+    """The browser sets the gap between scripts (`text-autospace`); a space would stand between Chinese words, too."""
+    spaced = re.compile(r"[\u4e00-\u9fff] [\w{]|[\w}%] [\u4e00-\u9fff]")
+    assert spaced.findall(path.read_text(encoding="utf-8")) == []
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -199,12 +207,18 @@ def test_a_formula_among_the_rivals_of_a_run_is_written_as_it_can_be_used() -> N
     assert spoken("pages/workbench/sentence.js", "rival", [formula, "my_effect"]) == [formula, "my effect"]
 
 
-def test_every_shipped_profile_and_set_of_limits_has_a_name_in_the_readers_language() -> None:
+def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() -> None:
     known = catalogue("en")
     shipped = [("plan", path) for path in library().glob("*.yaml")]
     shipped += [("limits", path) for path in library().glob("limits/*.yaml")]
+    shipped += [("station", path) for path in library().glob("stations/*.yaml")]
     shipped += [("calibration", path) for path in library().glob("plans/*.yaml")]
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
+
+
+def test_a_shipped_station_is_named_whichever_way_its_name_is_written() -> None:
+    given = ["four_units", "four-units", "my_own"]
+    assert spoken("lib/names.js", "stationName", given) == ["四个产品", "四个产品", "my_own"]
 
 
 def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
@@ -294,7 +308,19 @@ def test_the_numbers_of_a_curve_can_be_read_in_a_narrow_window(window: int, wide
 @pytest.mark.parametrize(
     ("language", "texts"),
     [
-        ("en", ["25 Nov", "nov 25, 2026", "25 november", "2026-11-25", "25.11.2026", "quick 25.11"]),
+        (
+            "en",
+            [
+                "25 Nov",
+                "nov 25, 2026",
+                "25 november",
+                "2026-11-25",
+                "25.11.2026",
+                "quick 25.11",
+                "25/11/2026",
+                "quick 11/25/2026",
+            ],
+        ),
         ("uk", ["25.11.2026", "25 листопада", "25 лист. 2026 р.", "25 лис", "виріб 25.11"]),
         ("zh", ["11月25日", "2026年11月25日", "2026/11/25"]),
     ],
@@ -315,7 +341,15 @@ def test_a_day_is_searched_as_the_readers_language_writes_it(language: str, text
         assert all(hour.startswith("2026") == ("2026" in text) for hour in day["hours"])
 
 
+def test_a_day_with_slashes_that_may_be_either_is_searched_as_both() -> None:
+    script = "console.log(JSON.stringify(given.map((text) => page.dayIn(text).hours.map((hour) => hour.slice(0, 10)))))"
+    either, same = told("lib/days.js", script, ["u 5/11/2026", "11/11/2026"])
+    assert {"2026-11-05", "2026-05-11"} <= set(either)
+    assert len(set(same)) <= 2
+
+
 def test_a_word_that_is_no_day_is_searched_as_it_is() -> None:
     """Serial numbers, plans, and days that no month has."""
     script = "console.log(JSON.stringify(given.map((text) => page.dayIn(text))));"
-    assert told("lib/days.js", script, ["sim-0001", "ramp 25", "u 31.13.2026", "30.02.2026", "0.5"]) == [None] * 5
+    texts = ["sim-0001", "ramp 25", "u 31.13.2026", "30.02.2026", "0.5", "31/13/2026"]
+    assert told("lib/days.js", script, texts) == [None] * len(texts)

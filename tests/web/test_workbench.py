@@ -158,6 +158,33 @@ def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> 
     assert most <= 2100
 
 
+def test_a_caption_counts_time_as_its_figure_and_names_only_what_is_drawn(client: httpx.Client) -> None:
+    made = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE})
+    assert re.search(r"largest here at \d+\.\d\d h: ", made["words"])
+    found = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE})
+    units = {one["channel"]: one["unit"] for one in found["where"]}
+    assert units["dT_dt"] == "degC/min"
+    assert all(units.values())
+    for partial in (one["partial"] for one in found["suspects"] if one["partial"]):
+        drawn = any(trace.get("marker", {}).get("symbol") == "diamond" for trace in partial["figure"]["data"])
+        assert ("Diamonds" in partial["words"]) == drawn
+
+
+def test_a_formula_is_what_to_add_first_where_the_catalogue_does_not_hold_what_is_missing() -> None:
+    cases = [{"verdict": verdict, "formulas": [{}]} for verdict in ("unknown_effect", "missing_effect")]
+    assert told("pages/workbench/suspects.js", "console.log(JSON.stringify(given.map(page.leads)))", cases) == [
+        True,
+        False,
+    ]
+
+
+def test_a_noise_floor_above_the_error_is_said_to_be_an_upper_bound() -> None:
+    script = "console.log(JSON.stringify(given.map((rung) => page.floorWord(rung, 0.1))))"
+    rungs = [{"heldOut": 0.06, "inSample": 0.05}, {"heldOut": 0.2, "inSample": 0.05}]
+    words = ["workbench.ladder.floor_high", "workbench.ladder.noise"]
+    assert told("pages/workbench/ladder.js", script, rungs) == words
+
+
 @pytest.mark.parametrize(("over", "title"), [
     ("time", "time [h]"), ("dT_dt", "dT/dt [°C/min]"), ("quadrature", "quadrature [V]"),
 ])  # fmt: skip

@@ -17,13 +17,14 @@ from drivers.units import Conversion, is_unit
 _SYNONYMS = {
     "time": "time zeit uhrzeit clock t timestamp elapsed seconds timesec timens timems час время 时间 時間",
     "rate": "rate drehrate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex "
-    "ratey ratez кутовашвидкість угловаяскорость 角速度 角速率 зміщення зміщеннянуля смещение смещениенуля 零偏",
+    "ratey ratez ω ωx ωy ωz кутовашвидкість угловаяскорость 角速度 角速率 зміщення зміщеннянуля смещение "
+    "смещениенуля 零偏",
     "temperature": "temperature temperatur temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature "
     "unittemperature температура 温度 溫度",
     "frequency": "frequency freq resonancefrequency resonance drivefrequency f0",
     "drive": "drive driveamplitude antinode excitation amplitude",
     "quadrature": "quadrature quad quadratureamplitude",
-    "supply": "supply supplyvoltage vdd vcc vsupply",
+    "supply": "supply supplyvoltage vdd vcc vsupply vbat vbatt ubat ubatt",
     "chamber_temperature": "chambertemperature chambertemp tchamber airtemperature chamber air "
     "температуракамери температуракамеры 箱温 温箱温度",
     "chamber_setpoint": "chambersetpoint setpoint",
@@ -37,7 +38,7 @@ FOREIGN_WORDS = tuple(word for words in _SYNONYMS.values() for word in words.spl
 _AXES = {
     f"{word}{axis}": f"{channel}_{axis}"
     for channel, words in {
-        "rate": "gyro g w rate omega angularrate angularvelocity",
+        "rate": "gyro g w ω rate omega angularrate angularvelocity",
         "acceleration": "acc accel a acceleration accelerometer linearacceleration",
     }.items()
     for word in words.split()
@@ -203,10 +204,10 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
                 raise UnclearColumnError(f"several columns could be {channel}: {names}", advice, table)
             continue
         found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]))
-    for channel, some in (("rate", RATES), ("temperature", THERMOMETERS)):
-        if not {*some} & {*found}:
-            advice = f"name it in a column map, `{channel}: {{column: …, unit: {examples(channel)[0]}}}`"
-            raise UnclearColumnError(f"no column is {channel}; {_has(table)}", advice, table)
+    needed = (("rate", RATES), ("temperature", THERMOMETERS))
+    if missing := [channel for channel, some in needed if not {*some} & {*found}]:
+        advice = f"name it in a column map, `{missing[0]}: {{column: …, unit: {examples(missing[0])[0]}}}`"
+        raise UnclearColumnError(f"no column is {' or '.join(missing)}; {_has(table)}", advice, table)
     return {channel: found[channel] for channel in IMPORTED if channel in found}
 
 

@@ -46,6 +46,7 @@ class Place:
             "channel": self.channel,
             "from": finite(self.low),
             "to": finite(self.high),
+            "unit": self.unit,
             "rms_dph": finite(self.rms_dph),
             "floor_ratio": finite(self.floor_ratio),
             "misfit_dph": finite(self.misfit_dph),

@@ -61,8 +61,12 @@ def coefficients(a: CalibrationRecord, b: CalibrationRecord) -> Entry:
     """Coefficients and parameters that differ beyond chance, by z-score, or the reason why they cannot be compared."""
     one, other = a.calibration, b.calibration
     if not one or not other:
-        which = " and ".join(name for name, side in (("A", one), ("B", other)) if not side)
-        return {"comparable": False, "reason": f"{which} has no calibration", "differ": [], "agree": 0}
+        reason = (
+            "neither A nor B has a calibration"
+            if not one and not other
+            else f"{'B' if one else 'A'} has no calibration"
+        )
+        return {"comparable": False, "reason": reason, "differ": [], "agree": 0}
     if (text := _unlike(one.model, other.model)) is not None:
         return {"comparable": False, "reason": text, "differ": [], "agree": 0}
     sides = [{c.key: c for c in (*side.coefficients, *side.parameters)} for side in (one, other)]

@@ -41,6 +41,11 @@ class Coordinate:
     title: str
     ordered: bool
 
+    @property
+    def by_direction(self) -> bool:
+        """Whether means of heating and cooling say something; over time each stretch has one direction."""
+        return not self.title.startswith("time")
+
 
 def coordinate(data: Dataset, effect: Effect) -> Coordinate:
     """The quantity that an effect depends on most."""
@@ -118,7 +123,7 @@ def _cells(x: FloatArray, y: FloatArray, values: FloatArray, edges: tuple[FloatA
 def partial_residual(data: Dataset, x: Coordinate, left: FloatArray, shape: FloatArray, name: str) -> Plot:
     """Partial residual `left` + `shape` (n,) of a suspect over its coordinate, and its fitted shape."""
     traces = by_direction(data, x.values, left + shape)
-    if not x.title.startswith("time"):
+    if x.by_direction:
         traces += _means_by_direction(data, x.values, left + shape)
     if x.ordered:
         traces.append(plotting.line_trace(x.values, shape, name, ORANGE, width=3, meta=EFFECT))

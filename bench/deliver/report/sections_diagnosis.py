@@ -135,7 +135,7 @@ def _formulas(data: Dataset, answer: Diagnosis) -> Markup:
     if best.residuals and best.contribution:
         x = figures_diagnosis.coordinate(data, best.model.effects[-1])
         plot = figures_diagnosis.partial_residual(data, x, best.residuals[0], best.contribution[0], "formula")
-        words = f"The formula alone, over {x.title}: the data (dots, diamonds are means) and the formula."
+        words = f"The formula alone, over {x.title}: the data ({_dots(x)}) and the formula."
         parts += figure("fig-missing-formula", plot, words, words)
     return parts + commands([f"bench add {best.added} --model {answer.model.name} --out better.yaml"])
 
@@ -209,6 +209,10 @@ def _map(data: Dataset, answer: Diagnosis) -> Markup:
     return heading("Residual by temperature and rate") + figure("fig-missing-map", plot, words, words)
 
 
+def _dots(x: figures_diagnosis.Coordinate) -> str:
+    return "dots, diamonds are means" if x.by_direction else "dots"
+
+
 def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Markup:
     """An effect that was found, over the channel that it depends on."""
     if not answer.unexplained_residuals or not suspect.shape:
@@ -217,7 +221,7 @@ def _partial(data: Dataset, answer: Diagnosis, suspect: SuspectedEffect) -> Mark
     plot = figures_diagnosis.partial_residual(
         data, x, answer.unexplained_residuals[0], suspect.shape[0], suspect.effect
     )
-    words = f"{suspect.effect} alone, over {x.title}: the data (dots, diamonds are means) and the fitted effect."
+    words = f"{suspect.effect} alone, over {x.title}: the data ({_dots(x)}) and the fitted effect."
     return figure(f"fig-missing-{suspect.effect}", plot, words, words)
 
 

@@ -120,6 +120,8 @@ class Jobs:
         """Record that a page no longer waits for a job; a job without pages is cancelled."""
         with self._changed:
             job.pages -= 1
+            if job.key and job.pages <= 0 and not job.ended and self._by_key.get(job.key) is job:
+                del self._by_key[job.key]  # who asks now gets a job of their own, not the end of this one
             if job.pages <= 0 and job.state == "waiting":
                 self._waiting[job.lane].remove(job)
                 self._end(job, "failed", detail=CANCELLED)

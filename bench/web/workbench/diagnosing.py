@@ -34,7 +34,7 @@ from bench.deliver import (
 from bench.record import Dataset, slug, write_atomically
 from bench.web.workbench import computing
 from bench.web.workbench.asking import model_json
-from bench.web.workbench.captions import captioned, effects_said, floor_said, said, span
+from bench.web.workbench.captions import Said, captioned, effects_said, floor_said, said, span
 from bench.web.workbench.computing import Run, Runs
 
 _SIDE_BY_SIDE = 3
@@ -101,7 +101,7 @@ def drawn(data: Dataset, model: Model, formula: DescribedFormula, brief: bool = 
         caption = said("formula", formula=formula.formula, over={"label": x.title})
         table = columns({x.title: x.values, "data [deg/h]": formula.residuals[0] + shape, "formula [deg/h]": shape})
         plot = partial_residual(data, x, formula.residuals[0], shape, "formula")
-        answer["partial"] = captioned(plot, [caption], table)
+        answer["partial"] = captioned(plot, [caption, *_diamonds(x.by_direction)], table)
     return answer
 
 
@@ -114,7 +114,12 @@ def _partial(data: Dataset, found: Diagnosis, suspect: SuspectedEffect) -> dict[
     plot = partial_residual(data, x, left, shape, suspect.effect)
     caption = said("partial", effect={"effect": suspect.effect}, over={"label": x.title}, span=span(shape))
     table = columns({x.title: x.values, "data [deg/h]": left + shape, f"{suspect.effect} [deg/h]": shape})
-    return captioned(plot, [caption], table)
+    return captioned(plot, [caption, *_diamonds(x.by_direction)], table)
+
+
+def _diamonds(drawn: bool) -> list[Said]:
+    """What the means of heating and cooling are, where they are drawn."""
+    return [said("diamonds")] if drawn else []
 
 
 def _left(found: Diagnosis, suspect: SuspectedEffect) -> FloatArray | None:

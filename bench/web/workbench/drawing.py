@@ -151,8 +151,9 @@ def _time_caption(drawing: Drawing, shown: View, floor_dph: float) -> list[Said]
     worst = int(np.nanargmax(np.abs(left))) if np.any(np.isfinite(left)) else 0
     residual = said(
         "time_residual", model=drawing.name, rms=drawing.rms_dph(),
-        interval={"number": DEFAULT_INTERVAL_S, "digits": 2}, at={"number": float(shown.time[worst]), "decimals": 0},
-        largest=float(left[worst]),
+        interval={"number": DEFAULT_INTERVAL_S, "digits": 2}, largest=float(left[worst]),
+        at={"number": float(shown.time[worst]) / (3600 if hours else 1), "decimals": 2 if hours else 1},
+        unit={"unit": "h" if hours else "s"},
     )  # fmt: skip
     return [measured, residual, floor_said(floor_dph)]
 

@@ -65,8 +65,13 @@ export async function finished(job, /** @type {{told?: (seen: any) => void, sign
   }
 }
 
-/** Request a computation: POST that answers with a job, and its result. */
+/** Request a computation: POST that answers with a job, and its result. When it is aborted, the server need not go on. */
 export async function compute(path, body, options = {}) {
   const { job } = await post(path, body, options);
-  return finished(job, options);
+  try {
+    return await finished(job, options);
+  } catch (error) {
+    if (error.name === "AbortError") remove(url`/jobs/${job}`).catch(() => {});
+    throw error;
+  }
 }

@@ -4,6 +4,10 @@ import { moment, or, t } from "./words.js";
 /** A shipped plan has a name in every language; others show their file's name. */
 export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}`, plan.title);
 
+/** The same for limits and for a station, which is named by its file or, with a hyphen, by what is in it. */
+export const limitsName = (id, title = id) => or(`limits.${id}`, title);
+export const stationName = (name) => or(`station.${name?.replaceAll("-", "_")}`, name);
+
 /** Name of the plan of a run; of an import its file. */
 export function planName(run) {
   const [, file] = run.profile?.match(/^import(?: of |_)(.+)$/) ?? [];

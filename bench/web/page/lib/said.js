@@ -19,7 +19,7 @@ async function fetchThem() {
 export function Said({ text }) {
   const known = useStore(sentences);
   const spoken = useStore(language);
-  if (!text || spoken === "en") return text;
+  if (!text || spoken === "en") return text?.replaceAll(" +- ", " ± ");
   if (!asked) fetchThem();
   return known?.told(text, spoken) ?? html`<span lang="en">${text}</span>`;
 }

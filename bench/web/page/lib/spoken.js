@@ -1,5 +1,5 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
-import { runTitle } from "./names.js";
+import { planTitle, runTitle } from "./names.js";
 import { effectWord, known, language, quantityWord, symbols, t } from "./words.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
@@ -56,7 +56,7 @@ function hovered(axis, side) {
   return `${name ? `${labelled(name)} ` : ""}${value}${unit ? ` ${symbols(unit)}` : ""}`;
 }
 
-const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : labelled(named(name)));
+const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : planTitle({ id: name, title: labelled(named(name)) }));
 
 function spokenTrace(trace, layout) {
   const axes = { x: layout[`xaxis${(trace.xaxis ?? "x").slice(1)}`], y: layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`] };

@@ -6,6 +6,7 @@ import { or } from "./words.js";
 const { rules, sentences: known } = all;
 const whole = (source) => new RegExp(`^(?:${source})$`);
 const [NUMBER, MEASURED, BARE] = [rules.number, rules.measured, rules.bare].map(whole);
+const TIGHT = new RegExp(rules.tight, "g");
 const seen = new Map();
 
 const escaped = (text) => text.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
@@ -25,7 +26,7 @@ function plain(text, column) {
   if (NUMBER.test(text)) return text.replace(".", rules.decimal[column]).replace("-", "−");
   if (MEASURED.test(text)) {
     const parts = text.split(" ").map((part) => tell(part, column) ?? (BARE.test(part) ? part : null));
-    return parts.includes(null) ? null : parts.join(" ");
+    return parts.includes(null) ? null : parts.join(" ").replace(TIGHT, "");
   }
   return or(`workbench.effect.${text}`, null) ?? or(`import.channel.${text}`, null);
 }

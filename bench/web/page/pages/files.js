@@ -5,7 +5,8 @@ import { Curve } from "../lib/curve.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { duration, or, t } from "../lib/words.js";
+import { limitsName, planTitle, stationName } from "../lib/names.js";
+import { duration, t } from "../lib/words.js";
 import { Findings } from "./start/ready.js";
 import { useGet } from "./stock/parts.js";
 
@@ -13,7 +14,7 @@ const KINDS = ["profiles", "stations", "limits"];
 const PAUSE_MS = 600;
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
-const titleOf = (kind, id) => or(`${{ profiles: "plan", limits: "limits" }[kind]}.${id}`, id);
+const titleOf = (kind, id) => ({ profiles: () => planTitle({ id, title: id }), stations: () => stationName(id), limits: () => limitsName(id) })[kind]();
 
 /** The check of a text, asked for a moment after the last key: {result, error, busy}. */
 function useDraft(kind, id, text, station) {
@@ -99,7 +100,7 @@ function File({ kind, id, stations, saved }) {
           <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div>`}
       </div>
       <div class="stack">
-        ${kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station}>${one}</option>`)}</select></div>`}
+        ${kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
         ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
         <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${t(tone === "good" ? "files.good" : "files.bad")}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
@@ -128,7 +129,7 @@ export default function Files({ query }) {
         }}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
       <div class="field"><label for="files-id">${t("files.file")}</label>
         <select id="files-id" value=${id} onChange=${(event) => open(event.target.value)}><option value="">${t("files.choose")}</option>
-          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id}>${titleOf(kind, one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
+          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
     ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} stations=${data.stations} saved=${(name) => {
       again();
       if (name !== id) open(name);

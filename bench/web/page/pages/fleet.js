@@ -4,6 +4,7 @@ import { post, query, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
+import { limitsName, planTitle, stationName } from "../lib/names.js";
 import { effectWord, number, quantityWord, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, NoRegistry, sig, Tile, useGet } from "./stock/parts.js";
@@ -19,8 +20,8 @@ function Attention({ fleet }) {
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
     unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantityWord))}`}`],
-    stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations)}`],
-    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")} ${listed(shifted)}`],
+    stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations.map(stationName))}`],
+    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")} ${listed(shifted.map(stationName))}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots)}`],
     odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],
     beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantityWord))}`],
@@ -101,7 +102,7 @@ function Drifts({ fleet }) {
   if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")} <span class="soft">${tested}</span></p>`;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col" class="n">p</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
-    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.place}</th><td>${quantityWord(one.quantity)}</td>
+    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.kind === "station" ? stationName(one.place) : one.place}</th><td>${quantityWord(one.quantity)}</td>
       <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${symbols(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
       <td class="n">${one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2)}</td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.drift_note")} ${tested}</p>`;
@@ -111,7 +112,7 @@ function Shifts({ fleet }) {
   if (!fleet.shifts.length) return null;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.kind.station")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col">${t("units.serial")}</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
-    <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row">${one.place}</th><td>${quantityWord(one.quantity)}</td>
+    <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row" title=${one.place}>${stationName(one.place)}</th><td>${quantityWord(one.quantity)}</td>
       <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} <span class="soft">${symbols(one.unit_of_value)}</span></td>
       <td>${unitLink(one.since)} <span class="soft">${t("fleet.since", { day: one.since_created.slice(0, 10) })}</span></td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.shift_note", { share: number(100 * fleet.station_charts.false_alarm, 0) })}</p>`;
@@ -174,11 +175,13 @@ function Board({ fleet, params }) {
 /** Choices of the address: limits, and which runs count. */
 const CHOICES = ["limits", "station", "lot", "plan", "since", "until"];
 
+const NAMED = { limits: (id) => limitsName(id), station: stationName, lot: (lot) => lot, plan: (id) => planTitle({ id, title: id }) };
+
 /** A choice among names; the first one is all. */
-function Choice({ label, all, names, value, onChange }) {
+function Choice({ label, all, names, named, value, onChange }) {
   return html`<label class="row">${label} <select value=${value} onChange=${(event) => onChange(event.target.value)}>
     <option value="" selected=${!value}>${all}</option>
-    ${[...new Set([...names, ...(value ? [value] : [])])].map((name) => html`<option key=${name} value=${name} selected=${name === value}>${name}</option>`)}</select></label>`;
+    ${[...new Set([...names, ...(value ? [value] : [])])].map((name) => html`<option key=${name} value=${name} selected=${name === value} title=${name}>${named(name)}</option>`)}</select></label>`;
 }
 
 export default function Fleet({ query: initial }) {
@@ -196,7 +199,7 @@ export default function Fleet({ query: initial }) {
   const build = () => post("/registry").then(again, setTrouble);
   const set = (name) => (value) => setChosen({ ...chosen, [name]: value });
   const all = t("fleet.all");
-  const choice = (name, label, names, otherwise = all) => html`<${Choice} label=${label} all=${otherwise} names=${names ?? []} value=${chosen[name]} onChange=${set(name)} />`;
+  const choice = (name, label, names, otherwise = all) => html`<${Choice} label=${label} all=${otherwise} names=${names ?? []} named=${NAMED[name]} value=${chosen[name]} onChange=${set(name)} />`;
   const date = (name) => html`<label class="row">${t(`fleet.${name}`)} <input type="date" value=${chosen[name]} onChange=${(event) => set(name)(event.target.value)} /></label>`;
   return html`<div class="page stack">
     <div class="row spread"><h1>${t("fleet.title")}</h1>

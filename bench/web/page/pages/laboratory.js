@@ -4,6 +4,7 @@ import { get, put, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
+import { stationName } from "../lib/names.js";
 import { t } from "../lib/words.js";
 import { Going, useAct } from "./run.js";
 import { Said } from "../lib/said.js";
@@ -51,7 +52,7 @@ export default function Laboratory({ query }) {
   if (!stations) return html`<div class="page">${seen.error ? html`<${Trouble} error=${seen.error} />` : html`<${Busy} />`}</div>`;
   return html`<div class="page stack papers"><h1>${t("papers.title")}</h1><p class="soft">${t("papers.what")}</p>
     <div class="field"><label for="station">${t("papers.station")}</label>
-      <select id="station" value=${chosen} onChange=${(event) => setStation(event.target.value)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen}>${title}</option>`)}</select></div>
+      <select id="station" value=${chosen} onChange=${(event) => setStation(event.target.value)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen} title=${title}>${stationName(title)}</option>`)}</select></div>
     ${may("operator") && chosen && html`<${Doctor} key=${`doctor ${chosen}`} station=${chosen} />`}
     <${Trouble} error=${seen.error} />
     ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />

@@ -62,7 +62,7 @@ function Several({ runs }) {
     <div class="several-runs">${runs.map((run) => html`<article key=${run.run} class="panel several-run">
       <${Headline} run=${run} link />
       <${Segments} run=${run} />
-      <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} height=${170} />
+      <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} />
     </article>`)}</div>
   </div>`;
 }

@@ -5,9 +5,9 @@ import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { startAct, startRun } from "../lib/starts.js";
 import { may } from "../lib/store.js";
-import { duration, moment, or, t } from "../lib/words.js";
+import { duration, moment, t } from "../lib/words.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
-import { planName, planTitle } from "../lib/names.js";
+import { limitsName, planName, planTitle, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
 import { Said } from "../lib/said.js";
 
@@ -128,11 +128,11 @@ function InTheUnit({ path, run }) {
     return {};
   });
   if (!may("operator")) return null;
-  const options = (all) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id}>${kind ? planTitle({ id, title }) : or(`limits.${id}`, title)}</option>`);
+  const options = (all) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id}>${kind ? planTitle({ id, title }) : limitsName(id, title)}</option>`);
   return html`<${Part} name="unit">
     ${stations && !station && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
     ${station && html`<div class="run-fields">
-      <div class="field"><label for="run-station">${t("papers.station")}</label><select id="run-station" value=${station} onChange=${(event) => setPlace(event.target.value)}>${there.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === station}>${title}</option>`)}</select></div>
+      <div class="field"><label for="run-station">${t("papers.station")}</label><select id="run-station" value=${station} onChange=${(event) => setPlace(event.target.value)}>${there.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === station} title=${title}>${stationName(title)}</option>`)}</select></div>
       <${OperatorField} /></div>
       <p><button type="button" disabled=${state.busy} onClick=${flash}>${t("run.flash.do")}</button></p>
       <div class="run-fields">

@@ -8,7 +8,7 @@ import { may, remembered, session, store, useStore } from "../lib/store.js";
 import { inSlot, serialOf, slotOf } from "../lib/units.js";
 import { t } from "../lib/words.js";
 import { PlanQuestion } from "./start/plan.js";
-import { planTitle } from "../lib/names.js";
+import { planTitle, stationName } from "../lib/names.js";
 import { Ready } from "./start/ready.js";
 import { UnitQuestion } from "./start/unit.js";
 
@@ -95,7 +95,7 @@ function Steps({ now, step, station, plan, answer }) {
         <div>
           <span class="what">${t(`start.${name}`)}</span>
           ${given && html`<strong>${given}</strong>`}
-          ${name === "unit" && given && html`<span class="soft small">${station.title}</span>`}
+          ${name === "unit" && given && html`<span class="soft small">${stationName(station.title)}</span>`}
           ${given && index !== at && html`<button type="button" class="quiet narrow" onClick=${change}>${t("start.change")}<span class="unseen"> ${t(`start.${name}`)}</span></button>`}
           ${name === "unit" && given && html`<${Neighbours} now=${now} station=${station} answer=${answer} />`}
         </div>

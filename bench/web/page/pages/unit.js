@@ -4,7 +4,7 @@ import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { duration, effectWord, moment, number, quantityWord, symbols, t } from "../lib/words.js";
-import { planName, runTitle } from "../lib/names.js";
+import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
@@ -45,7 +45,7 @@ function Calibration({ one, serial }) {
     <div><div class="when">${day(one.created)} <span class="soft">· ${age(one.age_days)}</span></div>
       <${Lamp} tone=${STATUS_TONES[one.status]}>${t(`units.status.${one.status}`)}<//></div>
     <div><${Range} validity=${one.validity} />
-      <div class="small">${effectWord(one.model)} · <${Verdict} word=${one.judged ?? one.verdict} />${one.limits && html` <span class="soft">${t("units.against", { limits: one.limits })}</span>`}</div></div>
+      <div class="small">${effectWord(one.model)} · <${Verdict} word=${one.judged ?? one.verdict} />${one.limits && html` <span class="soft">${t("units.against", { limits: limitsName(one.limits) })}</span>`}</div></div>
     <div class="row">
       ${paper?.pdf && html`<a class="button narrow" href=${pdfOf(serial, paper)} target="_blank" rel="noopener">${t("units.open_pdf")}</a>`}
       ${paper && html`<span class="small soft mono">${paper.number}</span>`}
@@ -99,7 +99,7 @@ function Runs({ unit }) {
       <td>${t(`units.kind.${run.kind}`)}</td>
       <td>${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
-      <td>${duration(run.duration_s)}</td><td class="wide">${run.station ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
+      <td>${duration(run.duration_s)}</td><td class="wide" title=${run.station}>${stationName(run.station) ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
       <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;

@@ -5,8 +5,8 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { moment, number, or, quantityWord, symbols, t } from "../lib/words.js";
-import { planName } from "../lib/names.js";
+import { moment, number, quantityWord, symbols, t } from "../lib/words.js";
+import { limitsName, planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
@@ -118,7 +118,7 @@ function Achieved({ run }) {
   const { done, missing } = achieved(run);
   const named = (steps) => steps.map((step) => t(`verdict.step.${step}`)).join(", ");
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
-    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${t("verdict.done", { steps: named(done), limits: or(`limits.${run.limits.name}`, run.limits.name) })}</span></li>`}
+    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) })}</span></li>`}
     ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}
   </ul>`;
 }

@@ -7,6 +7,8 @@ import { degrees, number, t } from "../../lib/words.js";
 /** Colours of units, in the order of the run; dashed from the fifth on, so that all differ. */
 const UNIT_TONES = ["--unit", "--figure-green", "--figure-purple", "--unit-4"];
 const MOST_LINES = 8;
+/** Least height of a chart with its axis [px]; the smallest and largest samples get half of it. */
+const HEIGHT = 250;
 export const unitTone = (index) => UNIT_TONES[index % UNIT_TONES.length];
 
 /** Delay of the run relative to its nominal curve [s]. */
@@ -46,7 +48,7 @@ function temperatures(trace, lines) {
 const line = (tone, width, dash) => ({ stroke: () => colour(tone), width, dash, points: { show: false } });
 
 /** Chamber and units against the profile. */
-export function Temperatures({ run, trace, height = 260 }) {
+export function Temperatures({ run, trace }) {
   const [pointed, setPointed] = useState(null);
   const units = run.units ?? [];
   const lines = Math.min(Math.max(units.length, trace.serials.length, 1), MOST_LINES);
@@ -65,7 +67,7 @@ export function Temperatures({ run, trace, height = 260 }) {
         ...named.map((unit, index) => ({ name: unit.name ?? unit.serial, tone: unitTone(index), dash: index >= UNIT_TONES.length, value: at(3 + index, unit.temperature_degc) })),
       ]} /></header>
     <${Plot} key=${lines} label=${t("live.temperatures_label", { chamber: degrees(run.chamber?.temperature_degc), unit: degrees(units[0]?.temperature_degc) })}
-      series=${series} data=${data} version=${trace.version} span=${spanOf(run)} reach=${reachOf(run)} height=${height}
+      series=${series} data=${data} version=${trace.version} span=${spanOf(run)} reach=${reachOf(run)} height=${HEIGHT}
       behind=${(plot) => polyline(plot, ahead(run), "--profile")} pointed=${setPointed} />
   </section>`;
 }
@@ -79,7 +81,7 @@ const FILLED = [{ series: [2, 1], fill: fill("--rate") }];
  * A unit's output: its means, which show a bias below the noise, on a scale of their own; below them the smallest and
  * largest of all samples in each point, so that a spike of one sample is seen.
  */
-export function Output({ run, trace, unit, index, height = 200, children }) {
+export function Output({ run, trace, unit, index, children }) {
   const [pointed, setPointed] = useState(null);
   const place = trace.place(unit.serial);
   const column = (name) => trace[name][place] ?? trace.t.map(() => null);
@@ -101,8 +103,8 @@ export function Output({ run, trace, unit, index, height = 200, children }) {
         ...(longer ? [] : [{ name: t("live.mean", { s: number(trace.every_s) }), tone: "--edge", value: number(fast, 2) }]),
         { name: t("live.mean", { s: number(longer ? trace.every_s : SLOW_S) }), tone: "--rate", value: number(slow, 2) },
       ]} /></header>
-    <${Plot} label=${t("live.means_label", told)} series=${MEANS} data=${means} least=${0.5} height=${height} ...${shared} />
+    <${Plot} label=${t("live.means_label", told)} series=${MEANS} data=${means} least=${0.5} height=${HEIGHT} ...${shared} />
     <header class="chart-below"><${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone: "--rate", band: true, value: range }]} /></header>
-    <${Plot} label=${t("live.output_label", told)} series=${BAND} bands=${FILLED} data=${band} least=${0.5} height=${Math.max(85, Math.round(height * 0.6))} ...${shared} />
+    <${Plot} label=${t("live.output_label", told)} series=${BAND} bands=${FILLED} data=${band} least=${0.5} height=${HEIGHT / 2} ...${shared} />
   </section>`;
 }

@@ -26,10 +26,10 @@ export function RunView({ run }) {
     <${Troubles} run=${run} />
     <div class="live-body" tabindex="0" role="region" aria-label=${t("live.curves")}>
       <div class="live-charts">
-        <${Temperatures} run=${run} trace=${trace} height=${units.length > 1 ? 200 : 260} />
+        <${Temperatures} run=${run} trace=${trace} />
         <div class=${units.length > 1 ? "outputs many" : "outputs"}>
           ${units.map((unit, index) => html`<div key=${unit.serial} class="output">
-            <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null} height=${units.length > 1 ? 105 : 200}>
+            <${Output} run=${run} trace=${trace} unit=${unit} index=${units.length > 1 ? index : null}>
               ${units.length > 1 && html`<${UnitLine} run=${run} unit=${unit} index=${index} />`}<//>
           </div>`)}
         </div>

@@ -6,11 +6,11 @@ import { navigate } from "../../lib/router.js";
 import { startRun } from "../../lib/starts.js";
 import { remembered } from "../../lib/store.js";
 import { serialOf } from "../../lib/units.js";
-import { degrees, duration, language, number, or, t } from "../../lib/words.js";
+import { degrees, duration, language, number, t } from "../../lib/words.js";
 import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
-import { planTitle } from "../../lib/names.js";
+import { limitsName, planTitle } from "../../lib/names.js";
 import { Said } from "../../lib/said.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
@@ -58,7 +58,7 @@ export function Ready({ order, plan, station, limits, begun }) {
       ${!calibrating && limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
           <option value="">${t("ready.no_limits")}</option>
-          ${limits.map((one) => html`<option key=${one.id} value=${one.id}>${or(`limits.${one.id}`, one.title ?? one.id)}</option>`)}
+          ${limits.map((one) => html`<option key=${one.id} value=${one.id}>${limitsName(one.id, one.title ?? one.id)}</option>`)}
         </select>
         ${plan.models.length > 0 && html`<p class="soft small">${t("ready.models", { models: plan.models.join(", ") })}</p>`}</div>`}
       <${OperatorField} />

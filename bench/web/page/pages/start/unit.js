@@ -2,6 +2,7 @@
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Trouble, useTyping } from "../../lib/parts.js";
 import { inSlot } from "../../lib/units.js";
+import { stationName } from "../../lib/names.js";
 import { t } from "../../lib/words.js";
 import { SlotsForm } from "./slots.js";
 
@@ -38,8 +39,8 @@ export function UnitQuestion({ stations, last, answer }) {
     <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
     ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
     <div class="stations" hidden=${Boolean(wrong)}>
-      ${sound.map((station) => html`<section key=${station.id} class="station" aria-label=${station.title}>
-        <h3>${station.title}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
+      ${sound.map((station) => html`<section key=${station.id} class="station" aria-label=${stationName(station.title)} title=${station.title}>
+        <h3>${stationName(station.title)}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
         <div class="row">
           ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
           ${station.units.length > 1 && html`<button type="button" onClick=${() => answer({ units: station.units, station: station.id })}>${t("start.all_units", { n: station.units.length })}</button>
@@ -54,8 +55,8 @@ export function UnitQuestion({ stations, last, answer }) {
 function Slots({ stations, last, serial, answer }) {
   const sorted = [...stations].sort((one, other) => Number(other.id === last) - Number(one.id === last));
   return html`<h2>${t("start.slots", { serial })}</h2>
-    <div class="stations">${sorted.map((station) => html`<section key=${station.id} class="station" aria-label=${station.title}>
-      <h3>${station.title}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
+    <div class="stations">${sorted.map((station) => html`<section key=${station.id} class="station" aria-label=${stationName(station.title)} title=${station.title}>
+      <h3>${stationName(station.title)}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
       <div class="row">${station.units.map((slot) => html`<button type="button" key=${slot} class="mono" onClick=${() => answer({ units: [inSlot(serial, slot)], station: station.id })}>${t("start.slot", { slot })}</button>`)}</div>
     </section>`)}</div>`;
 }
@@ -87,7 +88,7 @@ function WhichStation({ places, last, answer, back }) {
     <div class="choices">
       ${sorted.map(({ station, serial }, index) => html`<button type="button" key=${station.id} class="choice" ref=${index ? null : first}
         onClick=${() => answer({ units: [serial], station: station.id })}>
-        <strong>${station.title}</strong>
+        <strong title=${station.title}>${stationName(station.title)}</strong>
         <span class="soft">${t("start.station_units", { n: station.units.length })}${station.rate_table ? ` · ${t("start.rate_table")}` : ""}${station.simulated ? ` · ${t("start.simulated")}` : ""}</span>
       </button>`)}
     </div>

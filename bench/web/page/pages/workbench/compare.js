@@ -1,11 +1,11 @@
 // Two runs side by side, of one unit or of two: only the differences, largest first.
-import { duration, html, or, t, number, runTitle, unitOf } from "./parts.js";
+import { duration, html, or, t, number, runTitle, unitOf, Waiting } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Picture } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 import { Said } from "../../lib/said.js";
-import { planTitle } from "../../lib/names.js";
+import { planTitle, stationName, limitsName } from "../../lib/names.js";
 import { quantityWord, symbols } from "../../lib/words.js";
 
 const MOST_ROWS = 40;
@@ -61,7 +61,7 @@ function placed(where) {
 
 /** Values that the page has words for, by the last part of their place. */
 const VALUES = {
-  name: (id) => planTitle({ id, title: id }), kind: (kind) => or(`workbench.compare.kind.${kind}`, kind),
+  name: (id) => planTitle({ id, title: id }), station: stationName, limits: (id) => limitsName(id), kind: (kind) => or(`workbench.compare.kind.${kind}`, kind),
   state: (state) => or(`units.state.${state}`, state), purpose: (kind) => or(`units.kind.${kind}`, kind),
 };
 
@@ -118,7 +118,7 @@ export function Compare({ a, b, setB, onClose }) {
     <p class="wb-pair"><span>A ${told(a)}</span> ${b && html`<span>B ${told(b)} <button type="button" class="wb-link" onClick=${() => setB("")}>${t("workbench.compare.another")}</button></span>`}</p>
     ${!b && html`<${Chooser} label=${t("workbench.compare.choose")} taken=${new Set([a])} onChoose=${(row) => row.run !== a && setB(row.run)} />`}
     ${b && html`<${Pictured} a=${a} b=${b} difference=${found?.figure} />`}
-    ${job.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.compare.running")}</p>`}
+    <${Waiting} job=${job}>${t("workbench.compare.running")}<//>
     ${job.failed && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
     ${found && !differing.length && html`<p role="status">${t("workbench.compare.same")}</p>`}
     ${differing.map((key) => html`<${Table} key=${key} part=${found[key]} caption=${parts[key]} open=${OPEN.includes(key)} name=${`${a} ${b} ${key}`} />`)}

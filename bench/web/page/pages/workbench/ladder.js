@@ -11,6 +11,9 @@ const EDGE = { left: 48, right: 16, top: 16, bottom: 30 };
 const FALL_MS = 900;
 const MOST_RUNGS = 7;
 
+/** What the noise floor is; an error below it shows that the stretches it was read from hold more than noise. */
+export const floorWord = (rung, floor) => (floor !== null && headline(rung) < floor ? "workbench.ladder.floor_high" : "workbench.ladder.noise");
+
 /** Main error: held-out if available. */
 export const headline = (rung) => rung.heldOut ?? rung.inSample;
 

@@ -1,11 +1,11 @@
 // The engineer's workbench: choose a run, see where the model fails and what is missing, add it, compare the error.
-import { html, t, api, number, runTitle, useEffect, useRef, useState, unitOf } from "./parts.js";
+import { html, t, api, number, runTitle, useEffect, useRef, useState, unitOf, Waiting } from "./parts.js";
 import { Chooser } from "./chooser.js";
 import { Chosen } from "./chosen.js";
 import { Compare } from "./compare.js";
 import { FOLLOWING_MODEL, START_MODEL, isOpen } from "./first.js";
 import { NextExperiment } from "./experiment.js";
-import { Ladder } from "./ladder.js";
+import { Ladder, floorWord } from "./ladder.js";
 import { ModelPanel, useModels } from "./model.js";
 import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
@@ -66,11 +66,11 @@ function Standing({ session, analysis, floor }) {
     ${last && html`<div class="wb-tiles" role="status">
       <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runTitle).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
-      <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t("workbench.ladder.noise")} />
+      <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t(floorWord(last, floor))} />
     </div>`}
     ${last && html`<${Ladder} rungs=${rungs} floor=${floor} name=${`${runs.runs[0]} ladder`} />`}
     <${BySegment} segments=${analysis.result?.models[0].segments} />
-    ${analysis.running && html`<p class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.analysis.running")}</p>`}
+    <${Waiting} job=${analysis}>${t("workbench.analysis.running")}<//>
   </section>`;
 }
 
@@ -121,7 +121,8 @@ function Bench({ session, models }) {
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
       <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
-        <${Suspects} found=${found} failed=${once(diagnosis.failed)} running=${diagnosis.running || (open && analysis.running)} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
+        <${Suspects} found=${found} failed=${once(diagnosis.failed)} waiting=${open ? analysis : diagnosis} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
+        ${!pictured.result && html`<${Waiting} job=${pictured}>${t("workbench.diagnosis.drawing")}<//>`}
         ${pictured.failed && html`<p class="wb-bad" role="alert"><${Said} text=${pictured.failed} /></p>`}
       </section>
       <${NextExperiment} next=${found?.next_experiment} unit=${unitOf(runs.runs[0])} />

@@ -25,7 +25,7 @@ function Option({ of, name, value, busy, change }) {
   if (typeof value === "boolean") {
     return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> <span title=${`${name}:`}>${word}</span></label>`;
   }
-  return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <${TextField} class="wb-code" aria-label=${label} disabled=${busy} value=${written(value)} onGiven=${(text) => change(typed(text))} /></label>`;
+  return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <${TextField} class="wb-code" aria-label=${label} disabled=${busy} title=${written(value)} value=${written(value)} onGiven=${(text) => change(typed(text))} /></label>`;
 }
 
 /** Models of the library; `again()` after one was saved. The request also has the server start its computing processes. */

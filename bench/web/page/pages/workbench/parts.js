@@ -3,7 +3,7 @@ export { html, useEffect, useLayoutEffect, useMemo, useReducer, useRef, useState
 import { duration, language, moment, number as plain, or, symbols, t } from "../../lib/words.js";
 import * as api from "../../lib/api.js";
 import { onTheme, palette } from "../../lib/figure.js";
-import { useEffect, useState } from "../../lib/preact.js";
+import { html, useEffect, useState } from "../../lib/preact.js";
 import { runTitle } from "../../lib/names.js";
 export { api, duration, moment, or, runTitle, t };
 
@@ -28,6 +28,23 @@ export function usePalette() {
   const [, repaint] = useState(0);
   useEffect(() => onTheme(() => repaint((n) => n + 1)), []);
   return palette();
+}
+
+const LONG_S = 2;
+
+/** A computation that goes on; when it takes long, with its time and a way to give it up. When it was, with a way back. */
+export function Waiting({ job, children }) {
+  const [seconds, setSeconds] = useState(0);
+  useEffect(() => {
+    if (!job.running) return undefined;
+    const begin = performance.now();
+    setSeconds(0);
+    const timer = setInterval(() => setSeconds((performance.now() - begin) / 1000), 1000);
+    return () => clearInterval(timer);
+  }, [job.running]);
+  if (job.stopped) return html`<p class="wb-waiting"><span role="status">${t("workbench.stopped")}</span> <button type="button" class="narrow" onClick=${job.again}>${t("error.retry")}</button></p>`;
+  return job.running && html`<p class="wb-waiting"><span class="wb-pulse" aria-hidden="true"></span><span role="status">${children}</span>
+    ${seconds > LONG_S && html`<span class="figures">${duration(seconds)}</span> <button type="button" class="narrow" onClick=${job.stop}>${t("run.cancel")}</button>`}</p>`;
 }
 
 export const unitOf = (run) => run.split("/")[0];

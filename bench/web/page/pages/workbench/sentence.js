@@ -23,9 +23,9 @@ const alike = ({ effect, look_alikes }) => (look_alikes.length
 const doubt = (suspect) => (suspect.proof.before_dph === null ? t("workbench.say.unjudged", { effect: effectWord(suspect.effect) })
   : t("workbench.say.changes", { effect: effectWord(suspect.effect), ...errors(suspect) }));
 
-const where = ({ channel, from, to, misfit_dph }) => t("workbench.say.where", {
+const where = ({ channel, from, to, unit, misfit_dph }) => t("workbench.say.where", {
   channel: quantity(channel), low: number(from, 4), high: number(to, 4), misfit: number(misfit_dph),
-  unit: { dT_dt: symbols("degC/min"), time: symbols("s") }[channel] ?? (channel.includes("temperature") ? "°C" : ""),
+  unit: symbols(unit),
 }).replace("  ", " ");
 
 function missing(found) {

@@ -1,5 +1,5 @@
 // The workbench's state in the address of the page, and the results that belong to it.
-import { api, unitOf, useEffect, useMemo, useState } from "./parts.js";
+import { api, unitOf, useEffect, useMemo, useRef, useState } from "./parts.js";
 import { here, navigate } from "../../lib/router.js";
 import { useStore } from "../../lib/store.js";
 import { addressOf, change, stateOf } from "./state.js";
@@ -56,29 +56,40 @@ const answers = new Map();
 export const known = (path, body) => answers.get(`${path} ${JSON.stringify(body)}`);
 
 /** Compute what is not known yet, and keep it. */
-export async function ask(path, body) {
+export async function ask(path, body, options = {}) {
   const key = `${path} ${JSON.stringify(body)}`;
   if (answers.has(key)) return answers.get(key);
-  const result = await api.compute(path, body);
+  const result = await api.compute(path, body, options);
   answers.set(key, result);
   if (answers.size > MOST_CACHED) answers.delete(answers.keys().next().value);
   return result;
 }
 
-/** Answer of a job: {result, failed, running}. While the next one is computed, `stale` is the one before. */
+/**
+ * Answer of a job: {result, failed, running, stopped}. While the next one is computed, `stale` is the one before.
+ * `stop()` gives it up, `again()` asks again.
+ */
 export function useJob(path, body) {
   const key = body ? `${path} ${JSON.stringify(body)}` : null;
   const [state, setState] = useState({ key: null, result: null, failed: "" });
+  const [halted, setHalted] = useState("");
+  const going = useRef(null);
   useEffect(() => {
-    if (!key || answers.has(key)) return undefined;
+    if (!key || answers.has(key) || halted === key) return undefined;
     let active = true;
-    ask(path, body).then(
+    const leaving = going.current = new AbortController();
+    ask(path, body, { signal: leaving.signal }).then(
       (result) => active && setState({ key, result, failed: "" }),
-      (error) => active && setState((before) => ({ ...before, key, failed: error.message || String(error) })),
+      (error) => active && !leaving.signal.aborted && setState((before) => ({ ...before, key, failed: error.message || String(error) })),
     );
     return () => { active = false; };
-  }, [key]);
+  }, [key, halted]);
+  const stop = () => {
+    setHalted(key);
+    going.current.abort();
+  };
   const result = key ? answers.get(key) ?? null : null;
   const failed = !result && state.key === key ? state.failed : "";
-  return { result, failed, running: Boolean(key) && !result && !failed, stale: result ?? state.result };
+  const stopped = Boolean(key) && !result && halted === key;
+  return { result, failed, stopped, running: Boolean(key) && !result && !failed && !stopped, stale: result ?? state.result, stop, again: () => setHalted("") };
 }

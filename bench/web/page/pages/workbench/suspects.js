@@ -1,5 +1,5 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
-import { html, or, t, useState, measured, number } from "./parts.js";
+import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { effectWord, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
@@ -66,8 +66,11 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
   </li>`;
 }
 
+/** Whether a formula is what to add first: the catalogue does not hold what is missing. */
+export const leads = ({ verdict, formulas }) => verdict === "unknown_effect" && formulas?.length > 0;
+
 /** Formulas for what the catalogue does not hold. */
-function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
+function Formulas({ formulas, lead, busy, picked, onAdd, onPicture }) {
   if (!formulas?.length) return null;
   return html`<h3>${t("workbench.formula.title")}</h3><ol class="wb-suspects">${formulas.slice(0, SHOWN).map((one, i) => html`<li key=${one.formula} class=${`wb-suspect ${i ? "" : "wb-found"}`}>
     <div class="wb-suspect-head"><h4><code>${one.formula}</code></h4>
@@ -75,7 +78,7 @@ function Formulas({ formulas, busy, picked, onAdd, onPicture }) {
         aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${one.formula}`}
         onClick=${() => onPicture(picked === one.formula ? "" : one.formula)}>${
           picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
-      <button type="button" class="narrow" disabled=${busy} onClick=${() => onAdd(one)}
+      <button type="button" class=${lead && !i ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(one)}
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}</p>
@@ -112,9 +115,9 @@ function Further({ figures, picked, onPicture }) {
 }
 
 /** Ends of a place, with enough digits to distinguish them. */
-function span({ from, to }) {
+function span({ from, to, unit }) {
   const digits = [4, 6, 8].find((many) => number(from, many) !== number(to, many)) ?? 8;
-  return `${number(from, digits)} … ${number(to, digits)}`;
+  return `${number(from, digits)} … ${number(to, digits)} ${symbols(unit)}`.trim();
 }
 
 function Where({ places }) {
@@ -127,13 +130,14 @@ function Where({ places }) {
   </ul></details>`;
 }
 
-/** `found`: content of `bench diagnose`, or null while it is `running`; `failed`: its message. */
-export function Suspects({ found, failed, running, busy, picked, onAdd, onPicture }) {
+/** `found`: content of `bench diagnose`, or null while `waiting` for it; `failed`: its message. */
+export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPicture }) {
   const [all, setAll] = useState(false);
   if (failed) return html`<p class="wb-bad" role="alert"><${Said} text=${failed} /></p>`;
-  if (!found) return running && html`<div class="wb-waiting" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.diagnosis.running")}</div>`;
+  if (!found) return html`<${Waiting} job=${waiting}>${t("workbench.diagnosis.running")}<//>`;
   const most = Math.max(found.threshold * 1.5, ...found.suspects.map((suspect) => suspect.evidence ?? 0));
   const [first, ...rest] = sentences(found);
+  const lead = leads(found);
   const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));
   return html`<div class="wb-diagnosis">
     <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
@@ -141,10 +145,10 @@ export function Suspects({ found, failed, running, busy, picked, onAdd, onPictur
       <p>${first}</p>
       ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(" ")}</p></details>`}
     </div>
-    <${Formulas} formulas=${found.formulas} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
+    <${Formulas} formulas=${found.formulas} lead=${lead} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
     <ol class="wb-suspects">${shown.map((suspect, i) => html`<${Suspect} key=${suspect.effect} ...${{ suspect, found, most, busy, onAdd, onPicture }}
-      first=${i === 0 && suspect.found} picked=${picked === suspect.effect} />`)}</ol>
+      first=${i === 0 && suspect.found && !lead} picked=${picked === suspect.effect} />`)}</ol>
     ${found.suspects.length > shown.length && html`<button type="button" class="wb-link" onClick=${() => setAll(true)}>
       ${t("workbench.suspect.more", { count: found.suspects.length - shown.length })}</button>`}
     <${Further} figures=${found.figures} picked=${picked} onPicture=${onPicture} />
