@@ -93,3 +93,9 @@ def test_despiking_finds_spikes_and_keeps_jumps():
     residual[[40, 300, 499]] += 1.5
     assert np.flatnonzero(~despike(residual)).tolist() == [40, 300, 499]
     assert despike(np.zeros(10)).all()
+
+
+def test_an_error_that_changes_faster_than_its_noise_is_no_spike():
+    residual = 0.05 * np.random.default_rng(0).normal(size=500) + 3.0 * np.cos(np.arange(500) / 20.0)
+    residual[[40, 300]] += 1.5
+    assert np.flatnonzero(~despike(residual)).tolist() == [40, 300]

@@ -25,6 +25,7 @@ from bench.base import BoolArray, FloatArray
 _LEVEL = 0.01  # of all probes together; slow noise of other kinds (telegraph) reaches it about three times as often
 UNLIKE_FREEDOM = 3
 """White noise, flicker and walk."""
+_BENT = 0.297  # of the second differences of white noise: its distance from the median of five, medians of the sizes
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
 
 
@@ -241,10 +242,12 @@ def despike(residual: FloatArray, limit: float = 6.0) -> BoolArray:
     """Rows (n,) to keep: those within `limit` robust standard deviations of the median of five neighbours.
 
     For the residual of the present model, before anything else: a few spikes make a run look noisier than it is. A step
-    or a slow error is not a spike.
+    or a slow error is not a spike. Where an error changes by more than its noise from row to row, most rows are the
+    median of their neighbours: the noise is that of the second differences then.
     """
     padded = np.pad(residual, 2, mode="reflect")
     around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
     off = residual - around
-    deviation = 1.4826 * float(np.median(np.abs(off)))
+    bent = np.abs(np.diff(residual, 2))
+    deviation = 1.4826 * max(float(np.median(np.abs(off))), _BENT * float(np.median(bent)) if bent.size else 0.0)
     return np.asarray(np.abs(off) <= limit * max(deviation, 1e-300)) if deviation > 0.0 else np.ones(len(off), bool)

@@ -34,7 +34,7 @@ def states(ranges: Ranges) -> list[Block]:
     blocks += [
         _vapour(ranges, "temperature", "temperature"),
         _behind(ranges),
-        _relaxing(ranges),
+        *_relaxing(ranges),
         _turned(ranges, "temperature", "temperature"),
     ]
     if ranges.gap:
@@ -97,12 +97,14 @@ def _behind(ranges: Ranges) -> Block:
     return Block(text, words, "degC", (("per_min", (0.02 * most, most)),), tried)
 
 
-def _relaxing(ranges: Ranges) -> Block:
-    """What follows the temperature, faster or slower when it is warm."""
-    tried = tuple((*one, faster) for one in lags(ranges.length_s, 1) for faster in (-0.03, 0.03, 0.06))
-    bounds = (("tau_s", (20.0, max(ranges.length_s, 200.0))), ("faster", (-0.12, 0.12)))
-    return Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
-                 "a part that follows the temperature, faster when it is warm", "degC", bounds, tried)  # fmt: skip
+def _relaxing(ranges: Ranges) -> list[Block]:
+    """What follows the temperature; and what does so faster or slower when it is warm."""
+    tau, tried = ("tau_s", (20.0, max(ranges.length_s, 200.0))), lags(ranges.length_s, 1)
+    words = "a part that follows the temperature"
+    faster = Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
+                   f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.12, 0.12))),
+                   tuple((*one, faster) for one in tried for faster in (-0.03, 0.03, 0.06)))  # fmt: skip
+    return [Block("(temperature - lag(temperature, {tau_s}))", words, "degC", (tau,), tried, looser=faster), faster]
 
 
 def _hinge(ranges: Ranges) -> Block:
