@@ -62,6 +62,7 @@ def run_trial(trial: Trial) -> dict[str, Any]:
     checked = _errors(model, first, check, truth[0], truth[1])
     return {
         "verdict": found.verdict,
+        "proved": found.proved,
         "found": [suspect.effect for suspect in found.found],
         "formula": "" if formula is None else formula.formula,
         "evidence": None if formula is None else round(formula.evidence, 1),

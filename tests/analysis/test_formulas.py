@@ -43,6 +43,7 @@ def test_products_that_make_up_for_a_coarse_grid_do_not_hide_the_plain_formula()
     found = outside.run_trial(outside.Trial("crossed_modes", 3.0, 1))
     away = r"\(\(frequency - [\d.]+\)/[\d.]+\)"
     assert re.fullmatch(rf"k \* {away}/\(1 \+ {away}\*\*2\)", found["formula"]), found
+    assert (found["verdict"], found["proved"]) == ("unknown_effect", True), found  # effects that it replaces were not
     assert found["ratio"] < outside.MOST_RATIO, found
 
 

@@ -193,9 +193,10 @@ class _Case:
         describer = Describer(self.lattice, check, floor_dph, seed, workers)
         formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
-            proved = False if answer.found else formulas[0].proof.proved
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
-            answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=proved)
+            answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=None)
+        if formulas and answer.verdict == "unknown_effect" and formulas[0].proof.proved is not None:
+            answer = replace(answer, proved=formulas[0].proof.proved)  # that something is missing, whatever it is
         if formulas and formulas[0].proof.proved and answer.noise_finding == _DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
         answer = replace(answer, formulas=formulas)
