@@ -289,6 +289,14 @@ def test_a_spline_that_chooses_few_intervals_is_diagnosed_with_more_so_that_its_
     assert any("chose fewer than 12 intervals" in note for note in answer.notes)
 
 
+def test_a_floor_above_the_error_on_unseen_data_is_said_to_be_an_upper_bound(still):
+    run = hidden_run(profile="one_rate", seed=2)
+    bare = Model("bare", (effects.make("spline"),))
+    high, right = (diagnose([run], bare, static=still, candidates=FEW, floor_dph=floor) for floor in (1.0, None))
+    assert any("which is an upper bound here" in note for note in high.notes)
+    assert not any("upper bound" in note for note in right.notes)
+
+
 @pytest.mark.parametrize("rows", [5, 6, 13, 15, 16, 20, 24])
 def test_a_short_run_has_an_answer_or_one_line_that_says_how_much_is_needed(rows):
     legs = thermal_cycle(leg_s=30.0 * (rows // len(LEGS) + 1))

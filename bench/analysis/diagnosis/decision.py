@@ -9,7 +9,8 @@ from math import isfinite, isnan
 from bench.analysis.diagnosis.answer import SuspectedEffect, VerdictWord
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.verdict import Explanation
-from bench.analysis.thresholds import ADEQUATE_RATIO, NEAREST_RATIO
+from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
+from bench.base import number
 
 
 @dataclass(frozen=True)
@@ -52,3 +53,13 @@ def decide(
             return Decision("unknown_effect", False, nearest=found[0].effect)
         return Decision("missing_effect", True)
     return Decision("undecided", some)
+
+
+def bound_only(floor_dph: float, left_dph: float) -> tuple[str, ...]:
+    """A note where the error on unseen data [deg/h] lies well below the noise floor."""
+    if not floor_dph > EXPLAINED_RATIO * left_dph:
+        return ()
+    return (
+        f"the error on unseen data falls to {number(left_dph)} deg/h, below the noise floor, which is an upper bound "
+        "here: what it is read from is short, or has a part of what is missing",
+    )
