@@ -148,7 +148,7 @@ def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
     driver = next(block for block in grammar.drivers() if block.text == "lag(dT_dt, {tau_s})")
     blocks = [*states(grammar.ranges), *driver.variants(run.time[-1])]
     for start, values, truth in (
-        ("(temperature - lag(temperature", {"tau_s": 900.0, "faster": 0.03}, glue),
+        ("(temperature - lag(temperature, {tau_s} * exp", {"tau_s": 900.0, "faster": 0.03}, glue),
         ("(temperature - slew(", {"per_min": 0.8}, slow),
         ("play((chamber", {"width": 3.0}, hinge),
         ("dead_zone(lag(dT_dt", {"tau_s": 300.0, "zone": 1.5 / 5.0}, strip),

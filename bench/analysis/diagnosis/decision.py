@@ -8,6 +8,7 @@ from math import isfinite, isnan
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, VerdictWord
 from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
 from bench.base import number
@@ -49,10 +50,20 @@ def decide(
             return Decision("undecided", False if isfinite(ratio) else None, slow)
         return Decision("adequate", True)
     if some:
-        if base.left.by == "check" and improved.left.rms_dph / floor_dph > NEAREST_RATIO:
+        if _leaves_more(improved.left.by, improved.left.rms_dph, floor_dph):
             return Decision("unknown_effect", False, nearest=found[0].effect)
         return Decision("missing_effect", True)
     return Decision("undecided", some)
+
+
+def _leaves_more(by: str, left_dph: float, floor_dph: float) -> bool:
+    """Whether an explanation leaves so much on check runs that it is not the cause, or not all of it."""
+    return by == "check" and left_dph / floor_dph > NEAREST_RATIO
+
+
+def explains(proof: Proof, floor_dph: float) -> bool | None:
+    """Whether unseen data bear a formula out as what is missing; None where none could judge it."""
+    return proof.proved and not _leaves_more(proof.by, proof.after_dph, floor_dph)
 
 
 def bound_only(floor_dph: float, left_dph: float) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ def _step(
         new = np.clip(at + np.clip(step, -_LONGEST, _LONGEST), 0.0, 1.0)
         step = new - at
         expected = -float(gradient @ step + 0.5 * step @ matrix @ step)
-        if expected < least:
+        if not expected >= least:  # nor where it is no number
             return None
         there = seen(new)
         if there.height < here.height:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.decision import bound_only, decide
+from bench.analysis.diagnosis.decision import bound_only, decide, explains
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
@@ -194,9 +194,9 @@ class _Case:
         formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
-            answer = replace(answer, verdict="unknown_effect", nearest=nearest, proved=None)
-        if formulas and answer.verdict == "unknown_effect" and formulas[0].proof.proved is not None:
-            answer = replace(answer, proved=formulas[0].proof.proved)  # that something is missing, whatever it is
+            answer = replace(answer, verdict="unknown_effect", nearest=nearest)
+        if formulas and answer.verdict == "unknown_effect":
+            answer = replace(answer, proved=explains(formulas[0].proof, self._expected(floor_dph)))
         if formulas and formulas[0].proof.proved and answer.noise_finding == _DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
         left = formulas[0].held_out_rms_dph if formulas else improved.rms_dph
