@@ -39,26 +39,30 @@ export function UnitQuestion({ stations, last, answer }) {
     <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
     ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
     <div class="stations" hidden=${Boolean(wrong)}>
-      ${sound.map((station) => html`<section key=${station.id} class="station" aria-label=${stationName(station.title)} title=${station.title}>
-        <h3>${stationName(station.title)}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
-        <div class="row">
-          ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
-          ${station.units.length > 1 && html`<button type="button" onClick=${() => answer({ units: station.units, station: station.id })}>${t("start.all_units", { n: station.units.length })}</button>
-          <button type="button" onClick=${() => setFilling(station)}>${t("start.slots_fill", { n: station.units.length })}</button>`}
-        </div>
-      </section>`)}
+      ${sound.map((station) => html`<${Place} key=${station.id} station=${station}>
+        ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
+        ${station.units.length > 1 && html`<button type="button" onClick=${() => answer({ units: station.units, station: station.id })}>${t("start.all_units", { n: station.units.length })}</button>
+        <button type="button" onClick=${() => setFilling(station)}>${t("start.slots_fill", { n: station.units.length })}</button>`}
+      <//>`)}
     </div>
     ${stations.filter((station) => station.problem).map((station) => html`<${Trouble} key=${station.id} error=${`${station.id}: ${station.problem}`} />`)}`;
+}
+
+/** A station with what can be chosen at it. */
+function Place({ station, children }) {
+  return html`<section class="station" aria-label=${stationName(station.title)} title=${station.title}>
+    <h3>${stationName(station.title)}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
+    <div class="row">${children}</div>
+  </section>`;
 }
 
 /** The slots for a new unit, those of the station that was used last first. */
 function Slots({ stations, last, serial, answer }) {
   const sorted = [...stations].sort((one, other) => Number(other.id === last) - Number(one.id === last));
   return html`<h2>${t("start.slots", { serial })}</h2>
-    <div class="stations">${sorted.map((station) => html`<section key=${station.id} class="station" aria-label=${stationName(station.title)} title=${station.title}>
-      <h3>${stationName(station.title)}${station.simulated && html` <span class="soft small">${t("start.simulated")}</span>`}${station.rate_table && html` <span class="soft small">${t("start.rate_table")}</span>`}</h3>
-      <div class="row">${station.units.map((slot) => html`<button type="button" key=${slot} class="mono" onClick=${() => answer({ units: [inSlot(serial, slot)], station: station.id })}>${t("start.slot", { slot })}</button>`)}</div>
-    </section>`)}</div>`;
+    <div class="stations">${sorted.map((station) => html`<${Place} key=${station.id} station=${station}>
+      ${station.units.map((slot) => html`<button type="button" key=${slot} class="mono" onClick=${() => answer({ units: [inSlot(serial, slot)], station: station.id })}>${t("start.slot", { slot })}</button>`)}
+    <//>`)}</div>`;
 }
 
 /** A big field that has the focus, and takes it again when typing (or a scan) starts elsewhere. */
