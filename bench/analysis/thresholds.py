@@ -47,7 +47,7 @@ PROVED_FALL = 0.03
 PROVED_DEVIATIONS = 2.0
 """… and the same in standard deviations of what noise alone does to it."""
 NEAREST_RATIO = 2.0
-"""Error on a check run over the noise floor above which what was found is the nearest entry of the catalogue only."""
+"""Error on unseen data over the noise floor above which what was found is the nearest entry of the catalogue only."""
 STEPS_MATTER = 0.1
 """Error from steps of thermometer or output over the noise floor above which it may pass for an effect."""
 LEAST_PRESENT = 0.9

@@ -50,20 +50,22 @@ def decide(
             return Decision("undecided", False if isfinite(ratio) else None, slow)
         return Decision("adequate", True)
     if some:
-        if _leaves_more(improved.left.by, improved.left.rms_dph, floor_dph):
-            return Decision("unknown_effect", False, nearest=found[0].effect)
+        noise_dph = floor_dph if isfinite(floor_dph) else improved.fitted_dph
+        if _leaves_more(improved.left.rms_dph, noise_dph):
+            nearest = next(suspect.effect for suspect in found if suspect.proved)
+            return Decision("unknown_effect", False, nearest=nearest)
         return Decision("missing_effect", True)
     return Decision("undecided", some)
 
 
-def _leaves_more(by: str, left_dph: float, floor_dph: float) -> bool:
-    """Whether an explanation leaves so much on check runs that it is not the cause, or not all of it."""
-    return by == "check" and left_dph / floor_dph > NEAREST_RATIO
+def _leaves_more(left_dph: float, floor_dph: float) -> bool:
+    """Whether an explanation leaves so much on unseen data that it is not the cause, or not all of it."""
+    return left_dph / floor_dph > NEAREST_RATIO
 
 
 def explains(proof: Proof, floor_dph: float) -> bool | None:
     """Whether unseen data bear a formula out as what is missing; None where none could judge it."""
-    return proof.proved and not _leaves_more(proof.by, proof.after_dph, floor_dph)
+    return proof.proved and not _leaves_more(proof.after_dph, floor_dph)
 
 
 def bound_only(floor_dph: float, left_dph: float) -> tuple[str, ...]:

@@ -1,4 +1,5 @@
-"""Whether unseen data prove an effect: the error there falls with it, by enough, and by more than noise could do.
+"""Whether unseen data prove an effect: the error there falls with it, by enough, and by more than noise could do, and
+no other effect in its place does better.
 
 Unseen are the check runs, each about its own mean (the turn-on bias is not part of the model), or whole legs of the
 runs left out in turn, a leg being all rows between two turning points of the temperature. A leg without which nothing
@@ -64,6 +65,8 @@ class Proof:
     deviations: float = np.nan
     reason: str = ""
     """Why no unseen data could judge it."""
+    doubt: str = ""
+    """Why the fall does not prove this effect: another one would do better, or this one is not determined."""
 
     @property
     def fall(self) -> float:
@@ -75,6 +78,11 @@ class Proof:
         """Whether the error falls by enough and significantly; None where no unseen data could judge it."""
         if not isfinite(self.fall) or not isfinite(self.deviations):
             return None
+        return self.falls and not self.doubt
+
+    @property
+    def falls(self) -> bool:
+        """Whether the error falls by enough and significantly."""
         return bool(self.fall >= PROVED_FALL and self.deviations >= PROVED_DEVIATIONS)
 
     @property
@@ -88,8 +96,8 @@ class Proof:
         if self.proved is None:
             return f"no unseen data can judge it: {self.reason or 'no error on unseen data is known'}"
         change = f"the error on {self.unseen} changes from {number(self.before_dph)} to {number(self.after_dph)} deg/h"
-        if self.proved:
-            return change
+        if self.falls:
+            return f"{change}, but {self.doubt}" if self.doubt else change
         if self.fall < PROVED_FALL:
             return f"{change}, a fall of {100 * PROVED_FALL:.0f} % is needed"
         return f"{change}, which noise alone could do ({self.deviations:.1f} standard deviations)"
@@ -102,6 +110,7 @@ class Proof:
             "after_dph": finite(self.after_dph),
             "deviations": finite(self.deviations),
             "reason": self.reason,
+            "doubt": self.doubt,
         }
 
 

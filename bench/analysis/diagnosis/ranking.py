@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.evidence import Evidence, Suspect
-from bench.analysis.diagnosis.held_out import removed, unseen
-from bench.analysis.diagnosis.proof import prove
+from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
+from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.base import Effect, options_of
 from bench.analysis.thresholds import TIE
-from bench.base import FloatArray
+from bench.base import FloatArray, number
 from bench.record import Dataset
 
 _RIVALS = 4
@@ -50,10 +50,14 @@ class Ranking:
     ) -> SuspectedEffect:
         effect = self.offer.effects[suspect.name]
         after = layout.adding(effect, suspect.theta)
-        own = 0 if effect.moves_abscissa else len(suspect.amplitudes)
-        scored = unseen(after.rows, after.theta, self.check, own)
+        scored = self._unseen(layout, suspect)
         before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
         proof = prove(before.left, scored.left)
+        alike, values = alike or self._look_alikes(evidence, suspect), _values(layout, effect, suspect)
+        if found:
+            better = self._preferred(layout, evidence, suspect, scored.left)
+            alike = tuple(dict.fromkeys([*better, *alike]))
+            proof = replace(proof, doubt=_doubt(better, values))
         return SuspectedEffect(
             effect=effect.name,
             options=options_of(effect),
@@ -63,8 +67,8 @@ class Ranking:
             held_out_before_dph=before.rms_dph,
             held_out_rms_dph=scored.rms_dph,
             removes=removed(proof.before_dph, proof.after_dph, self.floor_dph),
-            parameters=_values(layout, effect, suspect),
-            look_alikes=alike or self._look_alikes(evidence, suspect),
+            parameters=values,
+            look_alikes=alike,
             legs=tuple(_legs(layout, suspect.cumulative)),
             model=after.rows.model,
             theta=suspect.theta,
@@ -72,6 +76,23 @@ class Ranking:
             reason=scored.reason,
             proof=proof,
         )
+
+    def _unseen(self, layout: Layout, suspect: Suspect, like: LeftOut | None = None) -> Unseen:
+        """The layout with a suspect, on unseen data; with `like` on the same rows as there."""
+        effect = self.offer.effects[suspect.name]
+        after = layout.adding(effect, suspect.theta)
+        own = 0 if effect.moves_abscissa else len(suspect.amplitudes)
+        return unseen(after.rows, after.theta, self.check, own, like)
+
+    def _preferred(self, layout: Layout, evidence: Evidence, found: Suspect, left: LeftOut) -> dict[str, float]:
+        """Errors on unseen data [deg/h] of effects in the place of one found, where that is proved to be less; least
+        first.
+
+        The evidence is of the rows that were fitted. What fits them better and predicts others worse is not proved.
+        """
+        rivals = [s for s in evidence.each_once() if s.effect != found.effect and s.evidence > self.explained.threshold]
+        proofs = [(rival.effect, prove(left, self._unseen(layout, rival, left).left)) for rival in rivals]
+        return dict(sorted(((name, p.after_dph) for name, p in proofs if p.falls), key=lambda pair: pair[1]))
 
     def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
         """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""
@@ -81,6 +102,15 @@ class Ranking:
         tied = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
         own = suspect.effect
         return tuple(name for name in tied if name != own) if own in tied else ()
+
+
+def _doubt(better: Mapping[str, float], values: Mapping[str, Value]) -> str:
+    """Why a fall of the error does not prove an effect; `better` are errors [deg/h] with others in its place."""
+    if better:
+        name, error = next(iter(better.items()))
+        return f"with {name} in its place to {number(error)} deg/h"
+    stuck = next((name for name, value in values.items() if value.at_bound), "")
+    return f"{stuck} is on its bound: not determined" if stuck else ""
 
 
 def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value]:

@@ -132,11 +132,13 @@ def _unknown(answer: Diagnosis, drifts: bool) -> str:
 
 def _nearest(answer: Diagnosis) -> str:
     """The catalogue's best entry leaves much more than the noise on unseen data."""
-    name, proof = listed([_named(suspect) for suspect in answer.found]), answer.found[0].proof
-    times = [f"{number(error / answer.floor_dph, 2)}" for error in (proof.before_dph, proof.after_dph)]
+    near = [suspect for suspect in answer.found if suspect.proved] or answer.found
+    name, proof = listed([_named(suspect) for suspect in near]), near[0].proof
+    scale, unit = (answer.floor_dph, "x the noise floor") if np.isfinite(answer.floor_dph) else (1.0, "deg/h")
+    before, after = number(proof.before_dph / scale, 2), number(proof.after_dph / scale, 2)
     return (
         f"The model lacks something that no effect of the catalogue explains. The nearest entry of the catalogue is "
-        f"{name}: with it the error on {proof.unseen} changes from {times[0]} to {times[1]} x the noise floor, so it "
+        f"{name}: with it the error on {proof.unseen} changes from {before} to {after} {unit}, so it "
         "behaves like that and is something else, or not all."
     )
 

@@ -45,8 +45,10 @@ function missing(found) {
 function unknown(found) {
   const near = found.suspects.filter((one) => one.found);
   const first = t("workbench.say.unknown");
+  const borne = near.filter((one) => one.proved);
+  const nearest = borne.length ? borne : near;
   if (found.nearest && near.length && found.floor_dph)
-    return [first, t("workbench.say.nearest", { effect: list(near), ...errors(near[0], found.floor_dph) })];
+    return [first, t("workbench.say.nearest", { effect: list(nearest), ...errors(nearest[0], found.floor_dph) })];
   return [
     first,
     ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.unknown_where", { where: where(place) })),

@@ -1,0 +1,50 @@
+"""A cause that no channel records, on a day in which the temperature wanders: what is named is not proved by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.proof import Proof
+from bench.analysis.effects import registry as effects
+from bench.analysis.effects.model import Model
+from bench.record.dataset import Dataset
+
+SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
+ROWS, STEP_S, TAU_S = 360, 240.0, 900.0
+FALLS = Proof("legs", 1.6, 1.1, 12.0)
+
+
+def day(seed: int) -> Dataset:
+    """The output follows the air with a lag; the sun warms it, too, and nothing records the sun."""
+    rng = np.random.default_rng(seed)
+    hour = (np.arange(ROWS) + 0.5) * STEP_S / 3600.0
+    walk = np.cumsum(rng.normal(0.0, 0.1, ROWS))
+    air = -13.0 + 8.0 * np.cos(2.0 * np.pi * (hour - 15.0) / 24.0) + walk - np.linspace(walk[0], walk[-1], ROWS)
+    late = np.empty(ROWS)
+    late[0] = air[0]
+    for i in range(1, ROWS):
+        late[i] = late[i - 1] + (air[i] - late[i - 1]) * STEP_S / TAU_S
+    sun = np.where((hour > 7.0) & (hour < 17.0), np.sin(np.pi * (hour - 7.0) / 10.0), 0.0)
+    rate = late + 3.0 * sun + rng.normal(0.0, 0.03, ROWS)
+    channels = {"temperature": air, "rate": rate}
+    return Dataset("day", 3600.0 * hour, channels, np.zeros(ROWS, dtype=np.int64), (), STEP_S)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_what_an_unrecorded_cause_resembles_is_no_headline(seed):
+    wanted = [effects.make(name) for name in ("thermal_lag", "creep", "hysteresis", "thermometer_hysteresis")]
+    answer = diagnose([day(seed)], SPLINE, candidates=wanted)
+    assert {suspect.effect for suspect in answer.named} <= {"thermal_lag"}
+    assert "creep" not in answer.sentence.split("Suspected")[0].split("nearest")[0]
+
+
+def test_a_fall_does_not_prove_an_effect_that_another_one_betters_or_that_is_not_determined():
+    assert FALLS.proved
+    bettered = replace(FALLS, doubt="with creep in its place to 0.24 deg/h")
+    assert bettered.proved is False
+    assert bettered.words.endswith("changes from 1.60 to 1.10 deg/h, but with creep in its place to 0.24 deg/h")
+    assert replace(FALLS, before_dph=np.nan, doubt="at_degc is on its bound: not determined").proved is None
