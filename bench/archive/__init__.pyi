@@ -8,6 +8,7 @@ from .centre.keeping import Released as Released
 from .centre.keeping import Scrubbed as Scrubbed
 from .centre.keeping import release as release
 from .centre.keeping import scrub as scrub
+from .centre.origin import mark_registered as mark_registered
 from .centre.sending import Outbox as Outbox
 from .centre.sending import Sent as Sent
 from .centre.sending import outbox as outbox

@@ -57,11 +57,12 @@ def sync_fetch(
     ledger = archive.archive(out)
     done = archive.fetch(centre, ledger, runs, large=large, replace=replace, tell=_tell)
     with open_in(out, where) as registry:
-        # A fetch that was killed has left folders that no later one brings again.
+        # A fetch that was killed has left folders that no later one brings again; another registry may lack some, too.
         late = ledger.seen().keys() - archive.known_runs(registry, ledger.id)[1]
-        folders = sorted({*done.folders, *(ledger.root / path for path in late)})
+        folders = sorted({*done.folders, *done.unregistered, *(ledger.root / path for path in late)})
         new = [record.RunFolder(folder) for folder in folders if (folder / record.MANIFEST).is_file()]
         done.damaged += archive.register_all(registry, new, ledger)
+    archive.mark_registered(folders)
     return RunsFetched(centre.url, out, done)
 
 

@@ -20,7 +20,7 @@ from bench.base import CentreError, InputError
 from bench.commands import archive_of_centre, sync_fetch
 from bench.record import MANIFEST, EntryRecord, RunFolder, faults, prove, put, sha256
 from tests.support.centre_servers import s3, sftp
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import keep, make_run, ramp_run
 
 
 def bench_of(root, *units, times=1):
@@ -287,6 +287,22 @@ def test_runs_of_a_fetch_that_was_killed_come_into_the_registry_with_the_next_on
 
     with open_registry(here / "registry.sqlite") as registry:
         assert [run["unit"] for run in runs(registry)] == ["U-1", "U-2"]
+
+
+def test_a_newer_version_of_a_run_comes_into_the_registry_although_its_fetch_was_killed(tmp_path):
+    from bench.archive import runs
+
+    ledger, centre, here = bench_of(tmp_path / "a", "U-1"), centre_at(tmp_path), tmp_path / "here"
+    send(centre, ledger)
+    sync_fetch(centre.url, (), here)
+    keep(ledger.root / "U-1" / "20261101T000000Z_ramp", "calibration.json", {"verdict": {"verdict": "adequate"}})
+    send(centre, ledger)
+    assert len(fetch(centre, archive(here)).folders) == 1  # killed before it was registered
+    for _ in range(2):
+        done = sync_fetch(centre.url, (), here).done
+        with open_registry(here / "registry.sqlite") as registry:
+            assert [run["verdict"] for run in runs(registry)] == ["adequate"]
+    assert done.unregistered == []
 
 
 def test_what_was_written_into_a_fetched_folder_stays_until_somebody_says_otherwise(tmp_path):

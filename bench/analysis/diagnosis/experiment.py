@@ -30,7 +30,7 @@ from bench.analysis.diagnosis.plan import (
 )
 from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
 from bench.analysis.diagnosis.still import Still
-from bench.analysis.diagnosis.suspects import Layout, offer
+from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
 from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
@@ -131,7 +131,8 @@ def next_experiment(
         rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
         still = None if static is None else Still.of(static, runs[0].interval_s)
         layout = Layout(rows, np.array(list(fitted.theta.values())), still)
-        layout, offered = offer(layout, [effects.make(name) for name in tied])
+        known = {effect.name: effect for effect in catalogued(base, runs)}
+        layout, offered = offer(layout, [known.get(name) or effects.make(name) for name in tied])
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
         best = {name: next((s for s in evidence.suspects if s.effect == name), None) for name in tied}
         rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]

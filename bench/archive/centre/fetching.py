@@ -35,6 +35,8 @@ class Fetched:
     kept: list[Path] = field(default_factory=list)
     damaged: list[str] = field(default_factory=list)
     """A line for each folder that the centre cannot give."""
+    unregistered: list[Path] = field(default_factory=list)
+    """Folders that an earlier fetch brought or renewed, and did not live to register."""
 
 
 def fetch(
@@ -50,7 +52,9 @@ def fetch(
     for run in wanted:
         if run not in names:
             raise InputError(f"has no run {run}; `bench sync list` lists them", centre.url)
-    here, done = _Here(ledger.root), Fetched(there=len(names))
+    here = _Here(ledger.root)
+    unregistered = [place for place, origin in here.known.values() if not origin.registered]
+    done = Fetched(there=len(names), unregistered=unregistered)
     chosen = [names[run] for run in wanted] if wanted else _once(names, here)
     try:
         for name in sorted(chosen, key=lambda one: (one.folder.partition("/")[2], one)):
@@ -132,7 +136,7 @@ def _bring(centre: Centre, name: Name, place: Path, *, large: bool) -> None:
                 centre.get(file.sha256, target)
         if left:
             ElsewhereRecord(centre=centre.url, run=name.run, files=left).write(folder)
-        Origin(centre.url, name.path, chain_hash(folder)).write(folder)
+        Origin(centre.url, name.path, chain_hash(folder), registered=False).write(folder)
         place.parent.mkdir(exist_ok=True)
         if place.exists():
             place.replace(stage / "before")

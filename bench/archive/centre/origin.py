@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from bench.record import CHAIN, sha256, write_atomically
@@ -19,6 +20,8 @@ class Origin:
     centre: str
     entry: str
     chain: str
+    registered: bool = True
+    """Whether the registry has what this entry holds; folders of earlier versions do not say it."""
 
     def changed(self, folder: Path) -> bool:
         """Whether something was written into the folder since."""
@@ -34,6 +37,14 @@ def origin_of(folder: Path) -> Origin | None:
     with suppress(OSError, ValueError, TypeError):
         return Origin(**json.loads((folder / FILE).read_bytes()))
     return None
+
+
+def mark_registered(folders: Iterable[Path]) -> None:
+    """Note in each folder that came from a centre that the registry has its content."""
+    for folder in folders:
+        origin = origin_of(folder)
+        if origin is not None and not origin.registered:
+            replace(origin, registered=True).write(folder)
 
 
 def chain_hash(folder: Path) -> str:
