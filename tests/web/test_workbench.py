@@ -19,6 +19,7 @@ from bench.analysis import DescribedFormula, load_model, model_from
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
 from bench.analysis.diagnosis.proof import Proof
+from bench.analysis.thresholds import EXPLAINED_RATIO
 from bench.base import number, user_name
 from bench.record import NotesRecord, prove
 from bench.record.dataset import load
@@ -180,9 +181,10 @@ def test_a_formula_is_what_to_add_first_where_the_catalogue_does_not_hold_what_i
 
 def test_a_noise_floor_above_the_error_is_said_to_be_an_upper_bound() -> None:
     script = "console.log(JSON.stringify(given.map((rung) => page.floorWord(rung, 0.1))))"
-    rungs = [{"heldOut": 0.06, "inSample": 0.05}, {"heldOut": 0.2, "inSample": 0.05}]
-    words = ["workbench.ladder.floor_high", "workbench.ladder.noise"]
+    rungs = [{"heldOut": error, "inSample": 0.05} for error in (0.06, 0.09, 0.2)]
+    words = ["workbench.ladder.floor_high", "workbench.ladder.noise", "workbench.ladder.noise"]
     assert told("pages/workbench/ladder.js", script, rungs) == words
+    assert told("lib/floor.js", "console.log(JSON.stringify(page.BOUND))", []) == EXPLAINED_RATIO  # of the terminal
 
 
 @pytest.mark.parametrize(("over", "title"), [

@@ -19,8 +19,8 @@ _SYNONYMS = {
     "rate": "rate drehrate gyro gyrox gyroy gyroz gx gy gz g omega angularrate rateoutput zro bias wx wy wz ratex "
     "ratey ratez ω ωx ωy ωz кутовашвидкість угловаяскорость 角速度 角速率 зміщення зміщеннянуля смещение "
     "смещениенуля 零偏",
-    "temperature": "temperature temperatur temp tgyro gyrotemp gyrotemperature temperaturegyro sensortemperature "
-    "unittemperature температура 温度 溫度",
+    "temperature": "temperature temperatur temp tmp tgyro gyrotemp tempkreisel tmpkreisel kreiseltemperatur "
+    "gyrotemperature temperaturegyro sensortemperature unittemperature температура 温度 溫度",
     "frequency": "frequency freq resonancefrequency resonance drivefrequency f0",
     "drive": "drive driveamplitude antinode excitation amplitude",
     "quadrature": "quadrature quad quadratureamplitude",

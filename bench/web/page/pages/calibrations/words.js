@@ -1,4 +1,5 @@
 // State of a calibration and of its steps in words and tones.
+import { timesFloor } from "../../lib/floor.js";
 import { duration, number, or, t } from "../../lib/words.js";
 
 const TONES = { waiting: "idle", running: "link", interrupted: "bad", held: "warn", failed: "bad" };
@@ -35,7 +36,7 @@ const SAID = {
   flash: ({ calibration_id }) => t("step.said.flash", { id: calibration_id }),
   verify: ({ worst, rms_dph, over_floor }, verdict) => [
     worst ? t("step.said.verify_imu", { verdict, axis: worst }) : t("step.said.verify", { verdict, rms: dph(rms_dph) }),
-    ...(over_floor === null ? [] : [t("workbench.ladder.times_floor", { ratio: number(over_floor, 2) })]),
+    ...(over_floor === null ? [] : [timesFloor(over_floor, 1)]),
   ].join(", "),
   certificate: ({ number: own }, verdict) => `${own}${verdict && `: ${verdict}`}`,
 };

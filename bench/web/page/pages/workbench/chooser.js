@@ -1,7 +1,8 @@
 // Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
-import { html, t, or, api, moment, number, useEffect, useRef, useState } from "./parts.js";
+import { html, t, or, api, moment, useEffect, useRef, useState } from "./parts.js";
 import { Said } from "../../lib/said.js";
 import { dayIn } from "../../lib/days.js";
+import { timesFloor } from "../../lib/floor.js";
 import { planName } from "../../lib/names.js";
 
 const ROW_PX = 52;
@@ -55,14 +56,14 @@ function useRows(text) {
 function Row({ row, index, active, count, taken, onChoose }) {
   const style = { transform: `translateY(${index * ROW_PX}px)` };
   if (!row) return html`<div class="wb-row" style=${style} role="option" aria-selected="false" aria-label=${t("workbench.chooser.loading")}>…</div>`;
-  const ratio = row.held_out_rms_dph && row.floor_dph ? row.held_out_rms_dph / row.floor_dph : null;
+  const judged = row.held_out_rms_dph && row.floor_dph;
   return html`<div id=${`wb-row-${index}`} class=${`wb-row ${active ? "wb-active" : ""}`} style=${style} role="option" aria-setsize=${count}
       aria-posinset=${index + 1} aria-selected=${taken ? "true" : "false"} onClick=${() => onChoose(row)} data-run=${row.run}>
     <span class="wb-row-unit">${taken ? "✓ " : ""}${row.unit}</span>
     <span class="wb-row-name">${planName(row)}</span>
     <span class="wb-row-day">${row.start ? moment(row.start) : ""}</span>
     <span class="wb-row-state">${row.verdict ? or(`units.word.${row.verdict}`, row.verdict) : or(`units.state.${row.state}`, row.state)}</span>
-    <span class="wb-row-error">${ratio === null ? "" : t("workbench.chooser.ratio", { ratio: number(ratio, 2) })}</span>
+    <span class="wb-row-error">${judged ? timesFloor(row.held_out_rms_dph, row.floor_dph) : ""}</span>
   </div>`;
 }
 

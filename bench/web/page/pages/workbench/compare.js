@@ -100,7 +100,7 @@ function Pictured({ a, b, difference }) {
   const both = useJob("/figures", { kind: "temperature", runs: [a], check: [b], model: null });
   return html`<div class="wb-pair-pictures">
     <section class="wb-card"><h3>${t("workbench.figure.temperature")}</h3>${both.failed && html`<p class="wb-bad" role="alert"><${Said} text=${both.failed} /></p>`}
-      <${Picture} answer=${both.result} running=${both.running} waiting=${both.running} title=${t("workbench.figure.temperature")} name=${`${a} ${b}`} /></section>
+      <${Picture} answer=${both.result} job=${both} title=${t("workbench.figure.temperature")} name=${`${a} ${b}`} /></section>
     ${difference?.figure && html`<section class="wb-card"><h3>${t("workbench.compare.curves")}</h3>
       <${Picture} answer=${difference} title=${t("workbench.compare.curves")} name=${`${a} ${b} curves`} /></section>`}
   </div>`;

@@ -1,5 +1,6 @@
 // The ladder: error of each model so far, in-sample and held-out, and the noise floor. A new rung is animated.
 import { html, t, useEffect, usePalette, useRef, useState, number } from "./parts.js";
+import { isBound } from "../../lib/floor.js";
 import { labelled } from "../../lib/spoken.js";
 import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
@@ -11,8 +12,8 @@ const EDGE = { left: 48, right: 16, top: 16, bottom: 30 };
 const FALL_MS = 900;
 const MOST_RUNGS = 7;
 
-/** What the noise floor is; an error below it shows that the stretches it was read from hold more than noise. */
-export const floorWord = (rung, floor) => (floor !== null && headline(rung) < floor ? "workbench.ladder.floor_high" : "workbench.ladder.noise");
+/** What the noise floor is. */
+export const floorWord = (rung, floor) => (isBound(headline(rung), floor) ? "workbench.ladder.floor_high" : "workbench.ladder.noise");
 
 /** Main error: held-out if available. */
 export const headline = (rung) => rung.heldOut ?? rung.inSample;
@@ -86,7 +87,7 @@ function Drawing({ rungs, shown, floor, refer }) {
       ${rung.heldOut !== null && html`<circle cx=${x(i)} cy=${y(rung.heldOut)} r="5" fill=${colours.heldOut} />`}
       ${headline(rung) !== null && html`<text x=${x(i)} y=${Math.max(11, y(Math.max(rung.heldOut ?? 0, rung.inSample ?? 0)) - 13)} text-anchor="middle"
         font-size="12.5" font-weight="600" fill=${colours.ink} stroke=${colours.raised} stroke-width="4" paint-order="stroke" stroke-linejoin="round">${number(headline(rung))}</text>`}
-      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + 18} text-anchor="middle" font-size="12">${short(rung.label, room)}</text>
+      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + 18} text-anchor="middle" font-size="12">${short(rung.label, room)}<title>${rung.label}</title></text>
     </g>`)}
     ${floor !== null && html`<g>
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(floor)} y2=${y(floor)} stroke=${colours.floor} stroke-width="2" stroke-dasharray="7 5" />

@@ -11,6 +11,7 @@ import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
 import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
 import { same } from "./state.js";
+import { timesFloor } from "../../lib/floor.js";
 import { Unknown } from "../../lib/parts.js";
 import { Suspects, pictureOf } from "./suspects.js";
 import { Said } from "../../lib/said.js";
@@ -34,7 +35,7 @@ const WHERE = () => ({
 function Tile({ value, floor, title, mark, hint, where }) {
   return html`<div class="wb-tile"><span class="wb-tile-what"><span class=${`wb-mark wb-mark-${mark}`} aria-hidden="true"></span>${title}</span>
     <b>${number(value)}</b>
-    <span class="wb-soft">${hint ?? (value && floor ? t("workbench.ladder.times_floor", { ratio: number(value / floor, 3) }) : "")}</span>
+    <span class="wb-soft">${hint ?? (value && floor ? timesFloor(value, floor) : "")}</span>
     ${where && html`<span class="wb-soft">${where}</span>`}</div>`;
 }
 

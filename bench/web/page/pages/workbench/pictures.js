@@ -1,5 +1,5 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { duration, html, number, runTitle, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { Waiting, duration, html, number, runTitle, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
 import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
@@ -30,8 +30,8 @@ const WIDTHS = [400, 800, 1200, 1600, 2000];
 /** Number of points to fetch for the width of an element; in steps, so that answers can be cached. */
 const pointsFor = (element) => WIDTHS.find((width) => width >= (element?.clientWidth || 800)) ?? WIDTHS[WIDTHS.length - 1];
 
-/** A figure with its words, keys and files. `figure`: {figure, words, csv}; `onZoom(range|null)`; `range` of x to begin with. */
-export function Picture({ answer, name, title, running, waiting, onZoom, onPoint = null, keep, range = null, mark = null }) {
+/** A figure with its words, keys and files. `answer`: {figure, words, csv}; `job` computes it; `onZoom(range|null)`; `range` of x to begin with. */
+export function Picture({ answer, job = null, name, title, onZoom, onPoint = null, keep, range = null, mark = null }) {
   const place = useRef(null);
   const drawn = useRef(null);
   const [failed, setFailed] = useState("");
@@ -52,10 +52,11 @@ export function Picture({ answer, name, title, running, waiting, onZoom, onPoint
   };
   const save = (kind) => drawn.current.save(kind, name).catch((error) => setFailed(error.message));
   const none = !answer;
+  const running = Boolean(job?.running);
   return html`<figure class="wb-figure">
     <div class=${`wb-picture ${none ? "wb-none" : running ? "wb-busy" : ""}`} aria-busy=${running ? "true" : "false"}>
       <div class="wb-plot" ref=${place} tabindex="0" role="group" aria-roledescription=${t("workbench.figure.role")} aria-label=${`${title}. ${t("workbench.figure.keys")}`} onKeyDown=${key}></div>
-      ${waiting && html`<p class="wb-veil" role="status"><span class="wb-pulse" aria-hidden="true"></span>${t("workbench.figure.waiting")}</p>`}
+      ${none && job && html`<div class="wb-veil"><${Waiting} job=${job}>${t("workbench.figure.waiting")}<//></div>`}
     </div>
     <figcaption>
       <p class="wb-words">${failed ? html`<span class="wb-bad"><${Said} text=${failed} /></span>` : answer ? caption(answer) : ""}</p>
@@ -186,7 +187,7 @@ export function Pictures({ session, picked, once }) {
       ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <${Said} text=${answer.note} /></p>`}
       ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}
-      <${Picture} answer=${answer} running=${job.running} waiting=${job.running && !answer} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
+      <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
         name=${`${of} ${model.name} ${shown}`} />
     </div>
   </section>`;

@@ -1,0 +1,12 @@
+// An error on unseen data beside the noise floor.
+import { number, t } from "./words.js";
+
+/** Floor over error above which the floor is no more than an upper bound: EXPLAINED_RATIO of bench/analysis/thresholds.py. */
+export const BOUND = 1.15;
+
+/** Whether the stretches that the floor was read from hold more than noise, since unseen data are predicted better. */
+export const isBound = (error, floor) => error !== null && floor !== null && floor > BOUND * error;
+
+/** How many times the floor an error is. */
+export const timesFloor = (error, floor) =>
+  isBound(error, floor) ? t("workbench.ladder.below_floor") : t("workbench.ladder.times_floor", { ratio: number(error / floor, 2) });
