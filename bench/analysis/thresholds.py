@@ -46,6 +46,11 @@ PROVED_FALL = 0.03
 """Least relative fall of the error on unseen data that proves an effect …"""
 PROVED_DEVIATIONS = 2.0
 """… and the same in standard deviations of what noise alone does to it."""
+PREFERRED_FALL = 0.25
+"""Relative fall of the error on unseen data with another effect in the place of one found, above which that one
+is not proved …"""
+PREFERRED_DEVIATIONS = 3.0
+"""… and the same in standard deviations: of several others one may fall by luck."""
 NEAREST_RATIO = 2.0
 """Error on unseen data over the noise floor above which what was found is the nearest entry of the catalogue only."""
 STEPS_MATTER = 0.1

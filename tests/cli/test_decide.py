@@ -81,7 +81,7 @@ def test_a_tie_is_decided_by_the_runs_that_the_bench_makes_itself(tmp_path: Path
 
 def test_what_the_runs_decide_already_needs_no_station(tmp_path: Path) -> None:
     run = make_run(tmp_path / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1")
-    code, text, error = bench("decide", run, "--model", "polynomial", "--station", tmp_path / "none.yaml", "--json")
+    code, text, error = bench("decide", run, "--model", "spline", "--station", tmp_path / "none.yaml", "--json")
     answer = json.loads(text)
     open_ = answer["diagnosis"]["next_experiment"] if code != 2 else None
     assert open_ is None, error

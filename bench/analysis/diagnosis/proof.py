@@ -1,5 +1,5 @@
 """Whether unseen data prove an effect: the error there falls with it, by enough, and by more than noise could do, and
-no other effect in its place does better.
+no other effect in its place does much better.
 
 Unseen are the check runs, each about its own mean (the turn-on bias is not part of the model), or whole legs of the
 runs left out in turn, a leg being all rows between two turning points of the temperature. A leg without which nothing
@@ -78,12 +78,11 @@ class Proof:
         """Whether the error falls by enough and significantly; None where no unseen data could judge it."""
         if not isfinite(self.fall) or not isfinite(self.deviations):
             return None
-        return self.falls and not self.doubt
+        return self.falls_by(PROVED_FALL, PROVED_DEVIATIONS) and not self.doubt
 
-    @property
-    def falls(self) -> bool:
-        """Whether the error falls by enough and significantly."""
-        return bool(self.fall >= PROVED_FALL and self.deviations >= PROVED_DEVIATIONS)
+    def falls_by(self, share: float, deviations: float) -> bool:
+        """Whether the error falls by this share and by so many standard deviations."""
+        return bool(self.fall >= share and self.deviations >= deviations)
 
     @property
     def unseen(self) -> str:
@@ -96,7 +95,7 @@ class Proof:
         if self.proved is None:
             return f"no unseen data can judge it: {self.reason or 'no error on unseen data is known'}"
         change = f"the error on {self.unseen} changes from {number(self.before_dph)} to {number(self.after_dph)} deg/h"
-        if self.falls:
+        if self.falls_by(PROVED_FALL, PROVED_DEVIATIONS):
             return f"{change}, but {self.doubt}" if self.doubt else change
         if self.fall < PROVED_FALL:
             return f"{change}, a fall of {100 * PROVED_FALL:.0f} % is needed"

@@ -14,7 +14,7 @@ from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.base import Effect, options_of
-from bench.analysis.thresholds import TIE
+from bench.analysis.thresholds import PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE
 from bench.base import FloatArray, number
 from bench.record import Dataset
 
@@ -85,14 +85,16 @@ class Ranking:
         return unseen(after.rows, after.theta, self.check, own, like)
 
     def _preferred(self, layout: Layout, evidence: Evidence, found: Suspect, left: LeftOut) -> dict[str, float]:
-        """Errors on unseen data [deg/h] of effects in the place of one found, where that is proved to be less; least
-        first.
+        """Errors on unseen data [deg/h] of effects in the place of one found, where they are much less; least first.
 
         The evidence is of the rows that were fitted. What fits them better and predicts others worse is not proved.
         """
         rivals = [s for s in evidence.each_once() if s.effect != found.effect and s.evidence > self.explained.threshold]
         proofs = [(rival.effect, prove(left, self._unseen(layout, rival, left).left)) for rival in rivals]
-        return dict(sorted(((name, p.after_dph) for name, p in proofs if p.falls), key=lambda pair: pair[1]))
+        better = [
+            (name, proof.after_dph) for name, proof in proofs if proof.falls_by(PREFERRED_FALL, PREFERRED_DEVIATIONS)
+        ]
+        return dict(sorted(better, key=lambda pair: pair[1]))
 
     def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
         """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""
