@@ -11,7 +11,7 @@ export const stationName = (name) => or(`station.${name?.replaceAll("-", "_")}`,
 /** Name of the plan of a run; of an import its file. */
 export function planName(run) {
   const [, file] = run.profile?.match(/^import(?: of |_)(.+)$/) ?? [];
-  return file ? `${t("units.kind.import")}: ${file}` : planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
+  return file ? t("units.kind.import_of", { file }) : planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
 }
 
 /** A run by its id, for people: plan and moment; a folder that is not named by both keeps its name. */

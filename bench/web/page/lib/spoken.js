@@ -1,6 +1,6 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
 import { planTitle, runTitle } from "./names.js";
-import { effectWord, known, language, quantityWord, symbols, t } from "./words.js";
+import { degrees, effectWord, known, language, quantityWord, symbols, t } from "./words.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
 
@@ -18,8 +18,12 @@ function written({ number, digits = 3, decimals = undefined }) {
   return number.toFixed(decimals ?? Math.max(0, digits - 1 - exponent)).replace(".", separators().decimal).replace("-", "−");
 }
 
-/** A run that a text names by its id, as people know it; any other text as it is. */
-const named = (text) => (/^[^/]+\/\d{8}T\d{6}Z_/.test(text) ? `${text.split("/")[0]} ${runTitle(text)}` : text);
+/** A run that a text names by its id, or a soak, as people know it; any other text as it is. */
+function named(text) {
+  const [, degc] = text.match(/^soak at (-?[\d.]+)$/) ?? [];
+  if (degc) return t("segment.soak", { degc: degrees(Number(degc), 0) });
+  return /^[^/]+\/\d{8}T\d{6}Z_/.test(text) ? `${text.split("/")[0]} ${runTitle(text)}` : text;
+}
 
 /** A value of a caption, or a whole one (`{key, values}`), as text. */
 function told(value) {
