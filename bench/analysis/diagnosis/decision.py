@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, isnan
 
+import numpy as np
+
 from bench.analysis.diagnosis.answer import SuspectedEffect, VerdictWord
+from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.held_out import Unseen
-from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
-from bench.base import number
+from bench.base import FloatArray, number
 
 
 @dataclass(frozen=True)
@@ -50,22 +52,27 @@ def decide(
             return Decision("undecided", False if isfinite(ratio) else None, slow)
         return Decision("adequate", True)
     if some:
-        noise_dph = floor_dph if isfinite(floor_dph) else improved.fitted_dph
-        if _leaves_more(improved.left.rms_dph, noise_dph):
+        if _leaves_more(improved.left.rms_dph, floor_dph, improved.residuals):
             nearest = next(suspect.effect for suspect in found if suspect.proved)
             return Decision("unknown_effect", False, nearest=nearest)
         return Decision("missing_effect", True)
     return Decision("undecided", some)
 
 
-def _leaves_more(left_dph: float, floor_dph: float) -> bool:
-    """Whether an explanation leaves so much on unseen data that it is not the cause, or not all of it."""
-    return left_dph / floor_dph > NEAREST_RATIO
+def _leaves_more(left_dph: float, floor_dph: float, residuals: Sequence[FloatArray]) -> bool:
+    """Whether an explanation leaves so much on unseen data that it is not the cause, or not all of it.
+
+    The yardstick is the floor or, where that is less or no floor is known, what is left in the fitted rows: a floor
+    that is read from short soaks may be far too high, and these rows have their noise.
+    """
+    fitted_dph = float(np.sqrt(np.nanmean(np.concatenate(residuals) ** 2))) if residuals else np.nan
+    return left_dph > NEAREST_RATIO * float(np.fmin(floor_dph, fitted_dph))
 
 
-def explains(proof: Proof, floor_dph: float) -> bool | None:
+def explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
     """Whether unseen data bear a formula out as what is missing; None where none could judge it."""
-    return proof.proved and not _leaves_more(proof.after_dph, floor_dph)
+    proof = formula.proof
+    return proof.proved and not _leaves_more(proof.after_dph, floor_dph, formula.residuals)
 
 
 def bound_only(floor_dph: float, left_dph: float) -> tuple[str, ...]:

@@ -196,7 +196,7 @@ class _Case:
             nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
             answer = replace(answer, verdict="unknown_effect", nearest=nearest)
         if formulas and answer.verdict == "unknown_effect":
-            answer = replace(answer, proved=explains(formulas[0].proof, self._expected(floor_dph)))
+            answer = replace(answer, proved=explains(formulas[0], self._expected(floor_dph)))
         if formulas and formulas[0].proof.proved and answer.noise_finding == _DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
         left = formulas[0].held_out_rms_dph if formulas else improved.rms_dph

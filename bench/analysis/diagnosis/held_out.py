@@ -30,11 +30,6 @@ class Unseen:
     reason: str = ""
     left: LeftOut = field(default_factory=LeftOut)
 
-    @property
-    def fitted_dph(self) -> float:
-        """RMS of the fitted runs [deg/h]."""
-        return float(np.sqrt(np.nanmean(np.concatenate(self.residuals) ** 2))) if self.residuals else np.nan
-
 
 def unseen(
     rows: FitRows, theta: FloatArray, check: Sequence[Dataset], own: int = 0, like: LeftOut | None = None

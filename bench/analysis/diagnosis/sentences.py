@@ -6,6 +6,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
 from bench.analysis.diagnosis.described import sentence as formula_sentence
+from bench.analysis.thresholds import NEAREST_RATIO
 from bench.base import ends, listed, number, with_uncertainty
 
 UNSEEN = "not to be seen here: the model takes it in"
@@ -134,11 +135,13 @@ def _nearest(answer: Diagnosis) -> str:
     """The catalogue's best entry leaves much more than the noise on unseen data."""
     near = [suspect for suspect in answer.found if suspect.proved] or answer.found
     name, proof = listed([_named(suspect) for suspect in near]), near[0].proof
-    scale, unit = (answer.floor_dph, "x the noise floor") if np.isfinite(answer.floor_dph) else (1.0, "deg/h")
+    scale, much = 1.0, "deg/h, far more than in the rows that were fitted"
+    if proof.after_dph > NEAREST_RATIO * answer.floor_dph:
+        scale, much = answer.floor_dph, "x the noise floor"
     before, after = number(proof.before_dph / scale, 2), number(proof.after_dph / scale, 2)
     return (
         f"The model lacks something that no effect of the catalogue explains. The nearest entry of the catalogue is "
-        f"{name}: with it the error on {proof.unseen} changes from {before} to {after} {unit}, so it "
+        f"{name}: with it the error on {proof.unseen} changes from {before} to {after} {much}, so it "
         "behaves like that and is something else, or not all."
     )
 

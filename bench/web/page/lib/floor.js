@@ -4,6 +4,9 @@ import { number, t } from "./words.js";
 /** Floor over error above which the floor is no more than an upper bound: EXPLAINED_RATIO of bench/analysis/thresholds.py. */
 export const BOUND = 1.15;
 
+/** Error over floor above which an effect found is the nearest one of the catalogue only: NEAREST_RATIO there. */
+export const NEAREST = 2;
+
 /** Whether the stretches that the floor was read from hold more than noise, since unseen data are predicted better. */
 export const isBound = (error, floor) => error !== null && floor !== null && floor > BOUND * error;
 

@@ -1,6 +1,7 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
 import { channelWord, effectWord, or, symbols, t } from "../../lib/words.js";
 import { measured, number } from "./parts.js";
+import { NEAREST } from "../../lib/floor.js";
 import { labelled } from "../../lib/spoken.js";
 
 /** Name of a fitted parameter of an effect, as people read it. */
@@ -47,8 +48,10 @@ function unknown(found) {
   const first = t("workbench.say.unknown");
   const borne = near.filter((one) => one.proved);
   const nearest = borne.length ? borne : near;
-  if (found.nearest && near.length && found.floor_dph)
-    return [first, t("workbench.say.nearest", { effect: list(nearest), ...errors(nearest[0], found.floor_dph) })];
+  if (found.nearest && near.length) {
+    const much = found.floor_dph && nearest[0].proof.after_dph > NEAREST * found.floor_dph;
+    return [first, t(`workbench.say.nearest${much ? "" : "_fitted"}`, { effect: list(nearest), ...errors(nearest[0], much ? found.floor_dph : 1) })];
+  }
   return [
     first,
     ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.unknown_where", { where: where(place) })),
