@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis.decision import explains
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.effects import registry as effects
@@ -48,3 +50,13 @@ def test_a_fall_does_not_prove_an_effect_that_another_one_betters_or_that_is_not
     assert bettered.proved is False
     assert bettered.words.endswith("changes from 1.60 to 1.10 deg/h, but with creep in its place to 0.24 deg/h")
     assert replace(FALLS, before_dph=np.nan, doubt="at_degc is on its bound: not determined").proved is None
+
+
+@pytest.mark.parametrize(("fitted_dph", "floor_dph", "borne"), [
+    (1.0, 1.2, True), (1.0, 0.5, False), (0.3, 1.2, False), (0.3, np.nan, False), (1.0, np.nan, True),
+])  # fmt: skip
+def test_what_is_missing_leaves_no_more_than_twice_the_floor_or_the_error_of_the_fitted_rows(
+    fitted_dph, floor_dph, borne
+):
+    described = SimpleNamespace(proof=FALLS, residuals=(np.full(8, fitted_dph),))
+    assert explains(described, floor_dph) is borne
