@@ -135,7 +135,7 @@ def _nearest(answer: Diagnosis) -> str:
     """The catalogue's best entry leaves much more than the noise on unseen data."""
     near = [suspect for suspect in answer.found if suspect.proved] or answer.found
     name, proof = listed([_named(suspect) for suspect in near]), near[0].proof
-    scale, much = 1.0, "deg/h, far more than in the rows that were fitted"
+    scale, much = 1.0, "deg/h"
     if proof.after_dph > NEAREST_RATIO * answer.floor_dph:
         scale, much = answer.floor_dph, "x the noise floor"
     before, after = number(proof.before_dph / scale, 2), number(proof.after_dph / scale, 2)

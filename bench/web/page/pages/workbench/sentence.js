@@ -50,7 +50,7 @@ function unknown(found) {
   const nearest = borne.length ? borne : near;
   if (found.nearest && near.length) {
     const much = found.floor_dph && nearest[0].proof.after_dph > NEAREST * found.floor_dph;
-    return [first, t(`workbench.say.nearest${much ? "" : "_fitted"}`, { effect: list(nearest), ...errors(nearest[0], much ? found.floor_dph : 1) })];
+    return [first, t(`workbench.say.nearest${much ? "" : "_dph"}`, { effect: list(nearest), ...errors(nearest[0], much ? found.floor_dph : 1) })];
   }
   return [
     first,
