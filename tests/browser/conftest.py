@@ -18,9 +18,13 @@ QUIET = (
 )  # fmt: skip
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def chromium():
-    """Debian's chromium, driven by Playwright."""
+    """Debian's chromium, driven by Playwright, for the tests of this folder.
+
+    Playwright keeps an event loop running in its thread: nothing that begins one of its own runs beside it, so it ends
+    before the first test of another folder.
+    """
     if node([str(BUILD), "--check"]) != 0:
         pytest.fail("bench/web/static is not built from bench/web/page as it is: `npm ci && npm run build`")
     if not os.environ.get("BENCH_CI"):

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import minimalmodbus
 import pytest
-from modbus_tk import defines, modbus_tcp
+from modbus_tk.modbus import Slave
 
 from drivers.errors import DriverError, LinkError, RefusedError
 from drivers.modbus import ModbusLink
 from drivers.registers import Register
 from drivers.sim.faults.named import ON_MODBUS
 from drivers.sim.faults.proxy import Front, ModbusProxy
+from tests.support import foreign_server
 
 
 def number(name: str, address: int, write: int | None = None) -> Register:
@@ -57,28 +57,23 @@ CONNECTED = [case for case in CASES if case[1] != "refuse"]
 
 
 @pytest.fixture(scope="module")
-def upstream() -> Iterator[modbus_tcp.TcpServer]:
-    """A healthy server that is neither ours nor pymodbus."""
-    server = modbus_tcp.TcpServer(port=0, address="127.0.0.1", timeout_in_sec=1)
-    server.add_slave(1).add_block("f4t", defines.HOLDING_REGISTERS, 2700, 200)
-    server.start()
-    while server._sock is None or not server._sock.getsockname()[1]:  # bound in its own thread
-        threading.Event().wait(0.001)
-    yield server
-    server.stop()
+def upstream() -> Iterator[tuple[Slave, int]]:
+    """A healthy server that is neither ours nor pymodbus: its device and its port."""
+    with foreign_server.holding("f4t", 2700, 200) as (slave, port):
+        yield slave, port
 
 
 @pytest.fixture
-def device(upstream: modbus_tcp.TcpServer) -> modbus_tcp.TcpServer:
-    slave = upstream.get_slave(1)
+def device(upstream: tuple[Slave, int]) -> Slave:
+    slave = upstream[0]
     slave.set_values("f4t", PV.address, WORDS_25)
     slave.set_values("f4t", SP.address, WORDS_25)
     return slave
 
 
 @contextmanager
-def served(upstream: modbus_tcp.TcpServer, front: Front = "tcp", attempts: int = 1) -> Iterator:
-    proxy = ModbusProxy(("127.0.0.1", upstream._sock.getsockname()[1]), front)
+def served(upstream: tuple[Slave, int], front: Front = "tcp", attempts: int = 1) -> Iterator:
+    proxy = ModbusProxy(("127.0.0.1", upstream[1]), front)
     link = ModbusLink(proxy.url, timeout_s=TIMEOUT_S, slowest_s=SLOWEST_S, attempts=attempts)
     link._client.comm_params.timeout_connect = PATIENT_S
     try:
@@ -94,9 +89,6 @@ def hurried(link: ModbusLink) -> Iterator[None]:
     link._client.comm_params.timeout_connect = TIMEOUT_S
     yield
     link._client.comm_params.timeout_connect = PATIENT_S
-
-
-pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # modbus_tk's own use of threading
 
 
 @pytest.mark.parametrize("front", FRONTS)

@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import pytest
-from modbus_tk import defines, modbus_tcp
 from modbus_tk.utils import calculate_crc  # an implementation of the CRC that is not ours nor pymodbus'
 
 from drivers.errors import ConfigError, LimitError, LinkError, RefusedError
 from drivers.modbus import ModbusLink
 from drivers.registers import load_map
+from tests.support import foreign_server
 
 F4T = load_map("watlow_f4t")
 PV, SP, MODE = F4T["temperature"], F4T["setpoint"], F4T["mode"]
@@ -269,17 +269,10 @@ def test_a_bad_rtu_checksum_is_no_answer():
         assert link.counters.faults == 1
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # modbus_tk's own use of threading
 def test_our_link_agrees_with_a_server_that_is_not_pymodbus():
-    server = modbus_tcp.TcpServer(port=0, address="127.0.0.1", timeout_in_sec=1)
-    slave = server.add_slave(1)
-    slave.add_block("f4t", defines.HOLDING_REGISTERS, 2700, 200)
-    slave.set_values("f4t", 2820, [0x0000, 0xC222])
-    server.start()
-    try:
-        while server._sock is None or not server._sock.getsockname()[1]:  # bound in its own thread
-            threading.Event().wait(0.001)
-        link = ModbusLink(f"tcp://127.0.0.1:{server._sock.getsockname()[1]}")
+    with foreign_server.holding("f4t", 2700, 200) as (slave, port):
+        slave.set_values("f4t", 2820, [0x0000, 0xC222])
+        link = ModbusLink(f"tcp://127.0.0.1:{port}")
         assert link.read(PV) == -40.5
         link.write(SP, 85.0)
         link.write(MODE, "auto")
@@ -289,8 +282,6 @@ def test_our_link_agrees_with_a_server_that_is_not_pymodbus():
             link.read(F4T["part_number"])
         assert refused.value.code == 2
         link.close()
-    finally:
-        server.stop()
 
 
 @pytest.mark.parametrize(

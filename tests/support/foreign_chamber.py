@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
@@ -16,6 +15,7 @@ from modbus_tk.modbus_tcp import TcpServer
 from drivers.register_map import RegisterMap
 from drivers.sim.modbus_chamber import ModbusChamber
 from drivers.sim.ptys import PtyPair
+from tests.support import foreign_server
 
 
 class Watched(list):
@@ -52,19 +52,13 @@ class ForeignChamber:
             self.slave._get_block(f"all {code}")._data = self.memory[code]
         for name, words in image.items():
             self.set_words(name, words)
-        self.server._go.isSet = self.server._go.is_set  # modbus_tk's spelling warns, and a warning ends its thread
-        self.server.start()
+        foreign_server.started(self.server)
 
     @property
     def url(self) -> str:
         if self.pair:
             return f"rtu://{self.pair.left}?baudrate=19200"
-        for _ in range(5000):
-            listener = self.server._sock
-            if listener is not None and listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-                break
-            time.sleep(0.001)
-        return f"tcp://127.0.0.1:{self.server._sock.getsockname()[1]}"
+        return f"tcp://127.0.0.1:{foreign_server.port_of(self.server)}"
 
     def mirror(self, code: int, address: int, value: int) -> None:
         """The state register follows the command, as in a controller."""
