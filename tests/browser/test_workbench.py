@@ -247,6 +247,22 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert any("k * time" in value for value in values), values
 
 
+def test_the_range_of_a_parameter_in_a_formula_is_changed_in_place(page):
+    choose(page)
+    diagnosed(page)
+    page.get_by_label("User-defined term").fill("k * lag(temperature, tau_s)")
+    page.locator("#wb-term-check", has_text="fitted: k, tau_s").wait_for()
+    page.get_by_label("User-defined term").press("Enter")
+    effects = page.locator(".wb-effects")
+    highest = effects.get_by_label("Largest tau_s")
+    lowest = effects.get_by_label("Smallest tau_s")
+    assert float(lowest.input_value()) < float(highest.input_value())
+    highest.fill("1234,5")
+    highest.press("Enter")
+    page.wait_for_function("() => decodeURIComponent(location.href).includes('1234.5')")
+    assert "{" not in "".join(box.input_value() for box in effects.get_by_role("textbox").all())
+
+
 def test_a_long_computation_is_given_up_and_asked_again(page):
     page.route("**/jobs/*", lambda route: route.continue_() if route.request.method == "DELETE" else None)
     choose(page)

@@ -18,12 +18,23 @@ function useOptions() {
   return options;
 }
 
+/** The least and the greatest value of a parameter inside a formula. */
+function Bound({ name, pair, busy, change }) {
+  const ends = ["low", "high"].map((end, at) => html`<${TextField} key=${end} class="wb-code" inputmode="decimal" disabled=${busy} aria-label=${t(`workbench.term.${end}`, { name })}
+    value=${written(pair[at])} onGiven=${(text) => change(pair.map((old, k) => (k === at ? typed(text) : old)))} />`);
+  return html`<span class="wb-option"><span>${t("workbench.term.bounds", { name })}</span> ${ends[0]} … ${ends[1]}</span>`;
+}
+
 /** One option of an effect, changed in place; the server says what is wrong with a value. */
 function Option({ of, name, value, busy, change }) {
   const word = or(`workbench.option.${name}`, name);
   const label = t("workbench.model.option", { option: word, effect: effectWord(of) });
   if (typeof value === "boolean") {
     return html`<label class="wb-option"><input type="checkbox" aria-label=${label} checked=${value} disabled=${busy} onChange=${(event) => change(event.target.checked)} /> <span title=${`${name}:`}>${word}</span></label>`;
+  }
+  if (name === "bounds") {
+    return Object.entries(value ?? {}).map(([inner, pair]) => html`<${Bound} key=${inner} name=${inner} pair=${pair} busy=${busy}
+      change=${(next) => change({ ...value, [inner]: next })} />`);
   }
   return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <${TextField} class="wb-code" aria-label=${label} disabled=${busy} title=${written(value)} value=${written(value)} onGiven=${(text) => change(typed(text))} /></label>`;
 }
