@@ -1,13 +1,15 @@
 """The unattended walk: every step is proved on unseen data or refused, and the end says why it is the end."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.improve import add_effect, improve
+from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.effects import registry as effects
-from bench.analysis.effects.model import Model
+from bench.analysis.effects.model import Model, load_model
 from bench.base.errors import InputError
 from tests.support.hidden_runs import HiddenUnit, hidden_run
 
@@ -39,6 +41,35 @@ def test_an_effect_that_does_not_pay_on_unseen_data_is_refused_and_said_so(still
     assert {step.action for step in walk.steps[:-1]} == {"refused"}
     assert "does not lower the error enough" in walk.steps[0].sentence
     assert walk.model.effects == diagnose([unit.run("short", 1)], SPLINE, candidates=FEW).model.effects
+
+
+@pytest.mark.parametrize(
+    ("doubt", "first"), [("", "creep"), ("with thermal_lag in its place to 0.3 deg/h", "thermal_lag")]
+)
+def test_what_unseen_data_prefer_is_added_before_what_has_more_evidence(monkeypatch, doubt, first):
+    model = load_model("spline")
+
+    def suspect(name, after_dph, look_alikes=(), doubt=""):
+        return SimpleNamespace(
+            effect=name, model=add_effect(model, name), evidence=50.0, reason="", scored=True, look_alikes=look_alikes,
+            held_out_before_dph=2.0, held_out_rms_dph=after_dph, proof=Proof(doubt=doubt),
+        )  # fmt: skip
+
+    creep = suspect("creep", 1.0, ("aging", "thermal_lag"), doubt)
+    suspects = (creep, suspect("aging", 0.9), suspect("thermal_lag", 0.3))
+    kept = {
+        "verdict": "missing_effect",
+        "formulas": (),
+        "nearest": "",
+        "floor_dph": 0.1,
+        "sentence": "",
+        "held_out_rms_dph": 0.3,
+    }
+    answers = [SimpleNamespace(model=model, found=found, suspects=suspects, **kept) for found in ((creep,), ())]
+    answers[1].verdict, answers[1].held_out_rms_dph = "adequate", 0.3
+    monkeypatch.setattr("bench.analysis.diagnosis.improve.diagnose", lambda *_, **__: answers.pop(0))
+    walk = improve([], [], model)
+    assert [(step.action, step.effect) for step in walk.steps] == [("added", first), ("stopped", "")]
 
 
 def test_an_effect_is_added_once():

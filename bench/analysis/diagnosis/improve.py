@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Literal
 
 from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect
@@ -128,7 +128,8 @@ def _walks(answer: Diagnosis) -> bool:
 
 def _tried(answer: Diagnosis, formulas: bool) -> list[Decision]:
     """The strongest effect found, or the first of its look-alikes that pays, or the best formula where the catalogue
-    does not explain the error; every refusal is a step.
+    does not explain the error; every refusal is a step. Where another effect does much better on unseen data, or
+    nothing determines the strongest, the one that leaves least there comes first.
     """
     if formulas and answer.formulas and answer.verdict == "unknown_effect":
         return [_with_formula(answer, answer.formulas[0])]
@@ -136,6 +137,8 @@ def _tried(answer: Diagnosis, formulas: bool) -> list[Decision]:
         return []
     strongest = answer.found[0]
     wanted = [strongest, *(s for s in answer.suspects if s.effect in strongest.look_alikes)]
+    if strongest.proof.doubt:
+        wanted.sort(key=lambda s: s.held_out_rms_dph if s.scored else inf)
     steps: list[Decision] = []
     for suspect in wanted:
         steps.append(_step(answer, suspect))
