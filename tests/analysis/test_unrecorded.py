@@ -60,3 +60,19 @@ def test_what_is_missing_leaves_no_more_than_twice_the_floor_or_the_error_of_the
 ):
     described = SimpleNamespace(proof=FALLS, residuals=(np.full(8, fitted_dph),))
     assert explains(described, floor_dph) is borne
+
+
+@pytest.mark.parametrize(("periods", "proved"), [(2.3, False), (11.3, True)])
+def test_what_follows_the_clock_of_one_run_is_proved_only_where_it_repeats_in_it(periods, proved):
+    rng = np.random.default_rng(1)
+    time = (np.arange(500) + 0.5) * 30.0
+    turn = 2.0 * np.pi * time / time[-1]
+    temperature = 25.0 + 50.0 * np.sin(2.5 * turn)
+    rate = 2e-4 * (temperature - 25.0) ** 2 + 0.3 * np.sin(periods * turn + 1.0) + rng.normal(0.0, 0.06, 500)
+    run = Dataset("one", time, {"temperature": temperature, "rate": rate}, np.zeros(500, dtype=np.int64), (), 30.0)
+    answer = diagnose([run], SPLINE, candidates=[effects.make("thermal_lag")])
+    best = answer.formulas[0]
+    assert best.formula.startswith("k * sin(2*pi*time/")
+    assert best.held_out_rms_dph < 0.08
+    assert (answer.verdict, answer.proved, best.proof.proved) == ("unknown_effect", proved, proved)
+    assert ("only another run can tell whether it repeats" in answer.sentence) is not proved

@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.probes import examine
-from bench.analysis.diagnosis.proof import prove
+from bench.analysis.diagnosis.proof import Proof, prove
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
@@ -30,6 +30,7 @@ _ALIKE = 0.97  # correlation of whitened columns beside the model: these data ca
 _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
 _IMPLAUSIBLE = 1.0  # of the spread of the bias over the run: a term larger than that cancels something
+_PERIODS = 5.0  # of a sine over time in one run: of fewer, a leg left out lies on the way between two others
 
 _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
@@ -237,7 +238,7 @@ class Describer:
             borne=sum(term.borne for term in terms),
             held_out_before_dph=before.rms_dph,
             held_out_rms_dph=scored.rms_dph,
-            proof=prove(before.left, scored.left),
+            proof=_doubted(prove(before.left, scored.left), layout, parts),
             size_dph=float(np.std(contribution)),
             amplitudes=tuple(
                 entry for part, name in zip(parts, AMPLITUDES, strict=False) for entry in part.amplitude_entries(name)
@@ -250,6 +251,16 @@ class Describer:
             contribution=layout.rows.scatter(contribution),
             residuals=scored.residuals,
         )
+
+
+def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Proof:
+    """What depends on the time since the start of the only run is interpolated into a leg left out: no proof of it."""
+    if proof.by == "check" or len(layout.rows.time) > 1:
+        return proof
+    span_s = float(np.ptp(layout.rows.time[0]))
+    if all(part.period_s < span_s / _PERIODS for part in parts):
+        return proof
+    return replace(proof, doubt="only another run can tell whether it repeats")
 
 
 def _alike(one: FoundFormula, other: FoundFormula) -> bool:

@@ -258,7 +258,7 @@ class _Case:
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
         found = describer.describe(self.layout, explained)
-        kept = tuple(formula for formula in found.formulas if formula.proof.proved is not False or formula.borne > TIE)
+        kept = tuple(one for one in found.formulas if one.proof.falls is not False or one.borne > TIE)
         return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:

@@ -49,6 +49,15 @@ class FoundFormula:
         """Whether the search of a parameter ended at an end of its range."""
         return any(p.on_bound(value) for p, value in zip(self.formula.parameters, self.theta, strict=True))
 
+    @property
+    def period_s(self) -> float:
+        """After which it repeats [s]: 0 where it does not depend on the time, infinite where it never repeats."""
+        first, *others = [block.text for block in (*self.formula.blocks, self.formula.along) if block]
+        sine = re.match(r"sin\(\d\*pi\*time/", first)
+        if any(re.search(r"\btime\b", text) for text in (others if sine else (first, *others))):
+            return np.inf
+        return self.theta[0] if sine else 0.0
+
     def amplitude_entries(self, amplitude: str = "k") -> list[tuple[str, float, float, str]]:
         """Name, value, standard deviation and unit of each amplitude."""
         rows = zip(self.formula.amplitudes, self.amplitudes.tolist(), self.deviations.tolist(), strict=True)

@@ -74,11 +74,16 @@ class Proof:
         return 1.0 - self.after_dph / self.before_dph
 
     @property
-    def proved(self) -> bool | None:
+    def falls(self) -> bool | None:
         """Whether the error falls by enough and significantly; None where no unseen data could judge it."""
         if not isfinite(self.fall) or not isfinite(self.deviations):
             return None
-        return self.falls_by(PROVED_FALL, PROVED_DEVIATIONS) and not self.doubt
+        return self.falls_by(PROVED_FALL, PROVED_DEVIATIONS)
+
+    @property
+    def proved(self) -> bool | None:
+        """Whether it falls, and nothing makes that doubtful; None as for `falls`."""
+        return self.falls and not self.doubt
 
     def falls_by(self, share: float, deviations: float) -> bool:
         """Whether the error falls by this share and by so many standard deviations."""
@@ -92,10 +97,10 @@ class Proof:
     @property
     def words(self) -> str:
         """The change of the error, and what it lacks of a proof."""
-        if self.proved is None:
+        if self.falls is None:
             return f"no unseen data can judge it: {self.reason or 'no error on unseen data is known'}"
         change = f"the error on {self.unseen} changes from {number(self.before_dph)} to {number(self.after_dph)} deg/h"
-        if self.falls_by(PROVED_FALL, PROVED_DEVIATIONS):
+        if self.falls:
             return f"{change}, but {self.doubt}" if self.doubt else change
         if self.fall < PROVED_FALL:
             return f"{change}, a fall of {100 * PROVED_FALL:.0f} % is needed"
