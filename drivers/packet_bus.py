@@ -212,6 +212,7 @@ class PacketBus(can.BusABC):
         self._record = struct.Struct(f"<qIBBBB{framing.room}s")
         self._ready: deque[tuple[float, int, int, bytes]] = deque()  # time, number, flags, data
         self._byte_s = 0.0 if baudrate is None else _BITS_PER_BYTE / baudrate
+        self._last_s = 0.0
         if channel.startswith("memory:"):
             self._line: Line = MemoryLine(channel)
         elif channel.startswith(SCHEME):
@@ -268,7 +269,8 @@ class PacketBus(can.BusABC):
 
     def _take(self, chunk: Chunk) -> None:
         for packet, whole, after in self._deframer.feed(chunk.data):
-            t_s = chunk.t_s - after * self._byte_s
+            # What a converter hands over late and at once is not dated before what it handed over already.
+            t_s = self._last_s = max(chunk.t_s - after * self._byte_s, min(self._last_s, chunk.t_s))
             if whole:
                 number = self._framing.number(packet)
                 self._ready.append((t_s, number, FLAG_EXTENDED * (number > 0x7FF), packet))

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from drivers.canbus import BusSettings, ProcessCapture
 from drivers.errors import ConfigError
 from drivers.framing import Check, Deframer, Framing, Number, Sum
-from drivers.packet_bus import PacketBus
+from drivers.packet_bus import Chunk, PacketBus
 from drivers.sim.ptys import PtyPair
 from tests.support.waiting import until
 
@@ -162,6 +162,20 @@ def test_a_serial_line_is_a_bus():
     assert [message.data[4] for message in messages] == [0, 1, 2]
     assert [message.arbitration_id for message in messages] == [0, 0, 0]
     assert messages[0].timestamp <= messages[1].timestamp <= messages[2].timestamp
+
+
+def test_packets_that_a_converter_hands_over_at_once_are_not_dated_before_earlier_ones(monkeypatch):
+    pair = PtyPair()
+    bus = PacketBus(pair.right, HEADER, 1200)
+    try:
+        packets = [HEADER.encode(0, bytes([n] * 12)) for n in range(4)]
+        chunks = [Chunk(packets[0], 100.0), Chunk(b"".join(packets[1:3]), 100.001), Chunk(packets[3], 40.0), None]
+        monkeypatch.setattr(bus._line, "read", lambda timeout: chunks.pop(0))
+        times = (bus.recv_block()["t_ns"] * 1e-9).tolist()
+    finally:
+        bus.shutdown()
+        pair.close()
+    assert times == [100.0, 100.0, 100.001, 40.0], "a clock that was set back is followed"
 
 
 def test_bytes_over_a_serial_server_are_taken_together():
