@@ -19,7 +19,7 @@ def random():
 
 @pytest.fixture(scope="module")
 def prior(random):
-    return Prior.of(load_model(MODEL), [ramped(member(random), f"L{i:02d}", i).record for i in range(16)])
+    return Prior.of(load_model(MODEL), [ramped(member(random), f"L{i:02d}", i).record for i in range(30)])
 
 
 def cut(whole, hours):

@@ -4,8 +4,9 @@ No model is needed: a unit is the vector of its mean biases in cells of temperat
 of multivariate process control (J. E. Jackson, G. S. Mudholkar, Technometrics 21 (1979) 341): Hotelling's T^2 of the
 principal components, for a unit that varies as its lot does, but too far; and Q, the sum of squares of what the
 components leave, for a unit that varies otherwise. For a new unit beside n, T^2 n (n - q) / (q (n^2 - 1)) is
-F(q, n - q); Q is g chi^2(h), with g and h from the units themselves, each left out of the components it is compared
-with (G. E. P. Box, Ann. Math. Stat. 25 (1954) 290).
+F(q, n - q). Q is compared with that of the lot's own units, each left out of the components it is compared with: its
+logarithm is Student's t beside theirs. There are as many components as lower that Q of the units left out by much (S.
+Wold, Technometrics 20 (1978) 397): a share of the variance would not do, since it is mostly that of the constants.
 """
 
 from __future__ import annotations
@@ -25,8 +26,11 @@ LEAST_UNITS = 10
 LEAST_CELLS = 4
 REFUSED = 0.01
 """Share of the units of a lot that are refused by chance, half of them by each statistic."""
-EXPLAINED = 0.99
-_UNITS_PER_COMPONENT = 5
+_PAYS = 0.7
+"""Another component leaves less than this of the sum of Q."""
+_UNITS_PER_COMPONENT = 8
+_LEAST_REST = 1e-12  # (deg/h)^2: units that are all the same leave nothing
+_LEAST_MOST = 2  # components that are tried at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,7 @@ def likeness(table: FloatArray, cells: Cells, units: Sequence[FloatArray]) -> li
     n = len(table)
     if n < LEAST_UNITS:
         raise InputError(f"a lot of {n} units does not tell what is unlike it; at least {LEAST_UNITS} are needed")
-    limits: dict[bytes, float] = {}
+    limits: dict[bytes, tuple[int, float]] = {}
     found = []
     for unit in units:
         common = np.isfinite(unit) & np.all(np.isfinite(table), axis=0)
@@ -101,34 +105,48 @@ def likeness(table: FloatArray, cells: Cells, units: Sequence[FloatArray]) -> li
             )
         known = table[:, common]
         if (key := common.tobytes()) not in limits:
-            rests = (_statistics(np.delete(known, i, axis=0), known[i])[1] for i in range(n))
-            limits[key] = _rest_limit(np.fromiter(rests, dtype=np.float64))
-        found.append(_compared(known, unit[common], limits[key], cells.middles[common]))
+            limits[key] = _components(known)
+        found.append(_compared(known, unit[common], *limits[key], cells.middles[common]))
     return found
 
 
-def _compared(known: FloatArray, own: FloatArray, limit: float, middles: FloatArray) -> Likeness:
-    level, rest = _statistics(known, own)
+def _components(known: FloatArray) -> tuple[int, float]:
+    """Number of components of a lot (n, cells), and the limit of Q [(deg/h)^2] beside them."""
+    n = len(known)
+    most = min(max(_LEAST_MOST, n // _UNITS_PER_COMPONENT), known.shape[1] - 1)
+    rests = np.array([_rests(np.delete(known, i, axis=0), known[i], most) for i in range(n)])
+    left = rests.sum(axis=0)
+    q = 1 + int(np.argmin(np.append(left[1:] < _PAYS * left[:-1], False)))
+    logarithm = np.log(rests[:, q - 1])
+    reach = scipy.stats.t.ppf(1.0 - REFUSED / 2, n - 1) * logarithm.std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
+    return q, float(np.exp(logarithm.mean() + reach))
+
+
+def _compared(known: FloatArray, own: FloatArray, q: int, limit: float, middles: FloatArray) -> Likeness:
+    level, rest = _level(known, own, q), float(_rests(known, own, q)[-1])
     apart = np.abs(own - known.mean(axis=0)) / known.std(axis=0, ddof=1)
     worst = int(apart.argmax())
     return Likeness(level, rest / limit, own.size, float(middles[worst]), float(apart[worst]))
 
 
-def _statistics(known: FloatArray, own: FloatArray) -> tuple[float, float]:
-    """T^2 as a share of its limit, and Q [(deg/h)^2]."""
-    n = len(known)
+def _directions(known: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Centre (cells,), and standard deviations and directions (k, cells) of the components, largest first."""
     centre = known.mean(axis=0)
     _, sizes, directions = np.linalg.svd(known - centre, full_matrices=False)
-    variances = sizes**2 / (n - 1)
-    explained = np.cumsum(variances) / variances.sum()
-    q = min(int(np.sum(explained < EXPLAINED)) + 1, max(1, n // _UNITS_PER_COMPONENT))
-    scores = directions[:q] @ (own - centre)
+    return centre, sizes / np.sqrt(len(known) - 1), directions
+
+
+def _level(known: FloatArray, own: FloatArray, q: int) -> float:
+    """T^2 of a unit as a share of its limit."""
+    n, (centre, deviations, directions) = len(known), _directions(known)
+    scores = directions[:q] @ (own - centre) / deviations[:q]
     limit = q * (n * n - 1) / (n * (n - q)) * scipy.stats.f.ppf(1.0 - REFUSED / 2, q, n - q)
-    rest = own - centre - scores @ directions[:q]
-    return float(np.sum(scores**2 / variances[:q]) / limit), float(rest @ rest)
+    return float(scores @ scores / limit)
 
 
-def _rest_limit(values: FloatArray) -> float:
-    mean, variance = float(values.mean()), float(values.var(ddof=1))
-    scale, freedom = variance / (2 * mean), 2 * mean**2 / variance
-    return float(scale * scipy.stats.chi2.ppf(1.0 - REFUSED / 2, freedom))
+def _rests(known: FloatArray, own: FloatArray, most: int) -> FloatArray:
+    """Q of a unit (most,) [(deg/h)^2] beside one component and more."""
+    centre, _, directions = _directions(known)
+    scores = directions[:most] @ (own - centre)
+    whole = float((own - centre) @ (own - centre))
+    return np.maximum(whole - np.cumsum(scores**2), _LEAST_REST)
