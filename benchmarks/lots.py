@@ -7,13 +7,13 @@ thermometer that lags, and noise. Units of a lot differ in every number. `python
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.analysis.effects.model import load_model
-from bench.analysis.judging.likeness import likeness
+from bench.analysis.judging.likeness import Cells, likeness
 from bench.analysis.judging.lot import Lot, calibrate_lot
 from bench.base import FloatArray
 from bench.record import Dataset
@@ -22,6 +22,8 @@ STEP_S = 30.0
 SIZES = (50, 200)
 NEW = 200
 """Further units of the lot, and units of each kind that is unlike it."""
+LOTS = 25
+"""Lots of each size, of which the shares that are refused are counted."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,30 @@ def refused(lot: Lot, kind: str | None, count: int, seed: int) -> float:
     return float(np.mean([not one.like for one in likeness(lot.table, lot.cells, units)]))
 
 
+def many_lots(sizes: Sequence[int], count: int) -> Iterator[tuple[str, list[FloatArray]]]:
+    """Shares of new units of each kind that are refused (lots,), for each size; the lots are drawn from one pool."""
+    random = np.random.default_rng(50)
+    cells = Cells.over(-38.0, 84.0)
+
+    def units(kind: str | None, number: int) -> list[FloatArray]:
+        made = (member(random) for _ in range(number))
+        changed = (unit if kind is None else UNLIKE[kind](unit, random) for unit in made)
+        return [cells.means([record(unit, "X", int(random.integers(1 << 40)))]) for unit in changed]
+
+    own = units(None, 2 * max(sizes) + count)
+    drawn = [[random.permutation(len(own)) for _ in range(LOTS)] for _ in sizes]
+    for kind in (None, *UNLIKE):
+        others = None if kind is None else units(kind, count)
+        shares = []
+        for size, orders in zip(sizes, drawn, strict=True):
+            found = []
+            for order in orders:
+                new = others if others is not None else [own[i] for i in order[size : size + count]]
+                found.append([not one.like for one in likeness(np.array(own)[order[:size]], cells, new)])
+            shares.append(np.mean(found, axis=1))
+        yield kind or "of the lot", shares
+
+
 def losses(lot: Lot) -> Iterator[tuple[str, FloatArray]]:
     """Loss of each unit against its own calibration [deg/h RMS]."""
     own = np.array([loss.own_rms_dph for loss in lot.losses])
@@ -141,9 +167,11 @@ def main(sizes: tuple[int, ...] = SIZES, count: int = NEW) -> None:
         print(f"\nlot of {size}\n\n| error [deg/h RMS] | median | 95 % |\n|---|---|---|")
         for name, values in losses(lot):
             print(f"| {name} | {np.median(values):.3f} | {np.quantile(values, 0.95):.3f} |")
-        print(f"\n| {count} new units | refused |\n|---|---|")
-        for number, kind in enumerate((None, *UNLIKE)):
-            print(f"| {kind or 'of the lot'} | {100 * refused(lot, kind, count, 50 + number):.1f} % |")
+    print(f"\n{count} new units beside {LOTS} lots of each size: refused, mean (lowest to highest of a lot)\n")
+    print(f"| | {' | '.join(f'lots of {size}' for size in sizes)} |\n|---|{'---|' * len(sizes)}")
+    for kind, shares in many_lots(sizes, count):
+        cells = (f"{100 * one.mean():.1f} % ({100 * one.min():.0f} to {100 * one.max():.0f})" for one in shares)
+        print(f"| {kind} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":
