@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bench.analysis.judging.likeness import likeness
+from bench.analysis.judging.likeness import Cells, likeness
 from bench.analysis.judging.lot import calibrate_lot
 from bench.base.errors import InputError
 from benchmarks import lots
@@ -56,6 +57,20 @@ def test_units_of_the_lot_are_accepted_and_others_refused():
     assert lots.refused(lot, None, 30, 3) <= 0.05
     for kind in lots.UNLIKE:
         assert lots.refused(lot, kind, 8, 4) == 1.0, kind
+
+
+def test_a_knee_is_noticed_where_units_differ_mostly_by_their_constants():
+    random, cells = np.random.default_rng(6), Cells.over(-38.0, 84.0)
+
+    def units(kind, count):
+        own = [replace(lots.member(random), constant_dph=random.normal(0.0, 8.0)) for _ in range(count)]
+        changed = own if kind is None else [lots.UNLIKE[kind](unit, random) for unit in own]
+        return [cells.means([lots.record(unit, "X", int(random.integers(1 << 40)))]) for unit in changed]
+
+    table = np.array(units(None, 30))
+    knees = likeness(table, cells, units("a resonance crosses (knee of 1 deg/h)", 8))
+    assert not any(one.like for one in knees)
+    assert sum(not one.like for one in likeness(table, cells, units(None, 40))) <= 3
 
 
 def test_a_few_cells_suffice_and_fewer_are_refused():
