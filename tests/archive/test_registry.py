@@ -233,6 +233,23 @@ def test_stations_at_once_lose_no_row(where, root):
     assert found.counts["operators"] == stations * each
 
 
+def test_a_new_registry_that_another_station_writes_at_that_moment_is_opened_when_it_has_ended(tmp_path, monkeypatch):
+    where = tmp_path / "registry.sqlite"
+    other = sqlite3.connect(where, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    waits = []
+
+    def waited(seconds):
+        waits.append(seconds)
+        other.execute("COMMIT")
+
+    monkeypatch.setattr("time.sleep", waited)
+    with open_registry(where) as registry, registry.reading() as connection:
+        assert connection.execute(sqlalchemy.text("PRAGMA journal_mode")).scalar() == "wal"
+    assert len(waits) == 1
+    other.close()
+
+
 def test_a_ledger_that_others_write_meanwhile_is_read_again(root, monkeypatch):
     ours, theirs, overtaken = archive(root), archive(root), []
     check = chain_module._check

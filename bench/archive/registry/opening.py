@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +23,8 @@ SCHEMA = "0006"
 
 WAIT_S = 60.0
 """How long a station waits while another one writes [s]."""
+_AGAIN_S = 0.01
+"""Before it asks again where SQLite does not wait."""
 
 _AGAIN = "move it away, and make it again with `bench registry rebuild`"
 
@@ -144,8 +148,7 @@ def _engine(url: URL) -> Engine:
         connection.isolation_level = None  # `_begin` begins transactions, not the driver
         for pragma in (f"busy_timeout={round(WAIT_S * 1000)}", "foreign_keys=ON", "synchronous=NORMAL"):
             connection.execute(f"PRAGMA {pragma}")
-        if connection.execute("PRAGMA journal_mode").fetchone() != ("wal",):
-            connection.execute("PRAGMA journal_mode=WAL")
+        _write_ahead(connection)
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
@@ -154,6 +157,20 @@ def _engine(url: URL) -> Engine:
         connection.exec_driver_sql("BEGIN" if reads else "BEGIN IMMEDIATE")
 
     return engine
+
+
+def _write_ahead(connection: Any) -> None:
+    """Have SQLite write ahead: while another station writes, it refuses that at once, whatever its timeout."""
+    until_s = time.monotonic() + WAIT_S
+    while connection.execute("PRAGMA journal_mode").fetchone() != ("wal",):
+        try:
+            connection.execute("PRAGMA journal_mode=WAL")
+        except sqlite3.OperationalError:
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(_AGAIN_S)
+        else:
+            return  # where the file system does not allow it, SQLite stays as it is
 
 
 def _bring_up_to_date(registry: Registry) -> None:
