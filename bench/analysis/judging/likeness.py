@@ -12,7 +12,7 @@ Wold, Technometrics 20 (1978) 397): a share of the variance would not do, since 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -93,7 +93,7 @@ def likeness(table: FloatArray, cells: Cells, units: Sequence[FloatArray]) -> li
     n = len(table)
     if n < LEAST_UNITS:
         raise InputError(f"a lot of {n} units does not tell what is unlike it; at least {LEAST_UNITS} are needed")
-    limits: dict[bytes, tuple[int, float]] = {}
+    lots: dict[bytes, _Components] = {}
     found = []
     for unit in units:
         common = np.isfinite(unit) & np.all(np.isfinite(table), axis=0)
@@ -103,50 +103,58 @@ def likeness(table: FloatArray, cells: Cells, units: Sequence[FloatArray]) -> li
                 f"the run has {common.sum()} cells of temperature in common with the lot ({low:.0f} to {high:.0f} "
                 f"degC), at least {LEAST_CELLS} are needed: heat or cool the unit through the lot's range"
             )
-        known = table[:, common]
-        if (key := common.tobytes()) not in limits:
-            limits[key] = _components(known)
-        found.append(_compared(known, unit[common], *limits[key], cells.middles[common]))
+        if (key := common.tobytes()) not in lots:
+            lots[key] = _Components.paying(table[:, common])
+        found.append(_compared(lots[key], unit[common], cells.middles[common]))
     return found
 
 
-def _components(known: FloatArray) -> tuple[int, float]:
-    """Number of components of a lot (n, cells), and the limit of Q [(deg/h)^2] beside them."""
-    n = len(known)
-    most = min(max(_LEAST_MOST, n // _UNITS_PER_COMPONENT), known.shape[1] - 1)
-    rests = np.array([_rests(np.delete(known, i, axis=0), known[i], most) for i in range(n)])
-    left = rests.sum(axis=0)
-    q = 1 + int(np.argmin(np.append(left[1:] < _PAYS * left[:-1], False)))
-    logarithm = np.log(rests[:, q - 1])
-    reach = scipy.stats.t.ppf(1.0 - REFUSED / 2, n - 1) * logarithm.std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
-    return q, float(np.exp(logarithm.mean() + reach))
+@dataclass(frozen=True, eq=False)
+class _Components:
+    """Centre of units in some cells, standard deviations in these and along the components, largest first."""
+
+    units: int
+    centre: FloatArray
+    spread: FloatArray
+    deviations: FloatArray
+    directions: FloatArray
+    limit: float = np.nan
+    """Of Q [(deg/h)^2]."""
+
+    @classmethod
+    def of(cls, known: FloatArray, most: int) -> _Components:
+        """The first components of units (n, cells)."""
+        n, centre = len(known), known.mean(axis=0)
+        _, sizes, directions = np.linalg.svd(known - centre, full_matrices=False)
+        return cls(n, centre, known.std(axis=0, ddof=1), sizes[:most] / np.sqrt(n - 1), directions[:most])
+
+    @classmethod
+    def paying(cls, known: FloatArray) -> _Components:
+        """Those that pay on units left out, and the limit of Q beside them."""
+        n = len(known)
+        most = min(max(_LEAST_MOST, n // _UNITS_PER_COMPONENT), known.shape[1] - 1)
+        rests = np.array([cls.of(np.delete(known, i, axis=0), most).rests(known[i]) for i in range(n)])
+        left = rests.sum(axis=0)
+        q = 1 + int(np.argmin(np.append(left[1:] < _PAYS * left[:-1], False)))
+        logarithm = np.log(rests[:, q - 1])
+        reach = scipy.stats.t.ppf(1.0 - REFUSED / 2, n - 1) * logarithm.std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
+        return replace(cls.of(known, q), limit=float(np.exp(logarithm.mean() + reach)))
+
+    def level(self, own: FloatArray) -> float:
+        """T^2 of a unit as a share of its limit."""
+        n, q = self.units, len(self.deviations)
+        scores = self.directions @ (own - self.centre) / self.deviations
+        limit = q * (n * n - 1) / (n * (n - q)) * scipy.stats.f.ppf(1.0 - REFUSED / 2, q, n - q)
+        return float(scores @ scores / limit)
+
+    def rests(self, own: FloatArray) -> FloatArray:
+        """Q of a unit [(deg/h)^2] beside one component, two and so on."""
+        apart = own - self.centre
+        return np.maximum(apart @ apart - np.cumsum((self.directions @ apart) ** 2), _LEAST_REST)
 
 
-def _compared(known: FloatArray, own: FloatArray, q: int, limit: float, middles: FloatArray) -> Likeness:
-    level, rest = _level(known, own, q), float(_rests(known, own, q)[-1])
-    apart = np.abs(own - known.mean(axis=0)) / known.std(axis=0, ddof=1)
+def _compared(lot: _Components, own: FloatArray, middles: FloatArray) -> Likeness:
+    apart = np.abs(own - lot.centre) / lot.spread
     worst = int(apart.argmax())
-    return Likeness(level, rest / limit, own.size, float(middles[worst]), float(apart[worst]))
-
-
-def _directions(known: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Centre (cells,), and standard deviations and directions (k, cells) of the components, largest first."""
-    centre = known.mean(axis=0)
-    _, sizes, directions = np.linalg.svd(known - centre, full_matrices=False)
-    return centre, sizes / np.sqrt(len(known) - 1), directions
-
-
-def _level(known: FloatArray, own: FloatArray, q: int) -> float:
-    """T^2 of a unit as a share of its limit."""
-    n, (centre, deviations, directions) = len(known), _directions(known)
-    scores = directions[:q] @ (own - centre) / deviations[:q]
-    limit = q * (n * n - 1) / (n * (n - q)) * scipy.stats.f.ppf(1.0 - REFUSED / 2, q, n - q)
-    return float(scores @ scores / limit)
-
-
-def _rests(known: FloatArray, own: FloatArray, most: int) -> FloatArray:
-    """Q of a unit (most,) [(deg/h)^2] beside one component and more."""
-    centre, _, directions = _directions(known)
-    scores = directions[:most] @ (own - centre)
-    whole = float((own - centre) @ (own - centre))
-    return np.maximum(whole - np.cumsum(scores**2), _LEAST_REST)
+    shape = float(lot.rests(own)[-1]) / lot.limit
+    return Likeness(lot.level(own), shape, own.size, float(middles[worst]), float(apart[worst]))
