@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -11,7 +10,7 @@ from modbus_tk import defines
 from modbus_tk.modbus import Server, Slave
 from modbus_tk.modbus_tcp import TcpServer
 
-TRIES = 60_000
+from tests.support.waiting import until
 
 
 def started(server: Server) -> None:
@@ -22,12 +21,8 @@ def started(server: Server) -> None:
 
 def port_of(server: TcpServer) -> int:
     """The port that the server listens on; it is bound in the server's own thread."""
-    for _ in range(TRIES):
-        listener = server._sock
-        if listener is not None and listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
-            return listener.getsockname()[1]
-        time.sleep(0.001)
-    raise TimeoutError("the server of modbus_tk does not listen")
+    until(lambda: server._sock is not None and server._sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN))
+    return server._sock.getsockname()[1]
 
 
 @contextmanager
