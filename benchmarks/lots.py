@@ -6,6 +6,7 @@ thermometer that lags, and noise. Units of a lot differ in every number. `python
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -117,37 +118,35 @@ def lot_of(size: int, seed: int = 1, model: str = "spline") -> Lot:
     return calibrate_lot(load_model(model), records)
 
 
+def _means(
+    cells: Cells, kind: str | None, count: int, random: np.random.Generator, seeds: Iterator[int]
+) -> list[FloatArray]:
+    """Cells of new units of a kind; None: of the lot itself. A seed of the noise for each."""
+    made = (member(random) for _ in range(count))
+    changed = (unit if kind is None else UNLIKE[kind](unit, random) for unit in made)
+    return [cells.means([record(unit, "X", next(seeds))]) for unit in changed]
+
+
 def refused(lot: Lot, kind: str | None, count: int, seed: int) -> float:
     """Share of new units of a kind that are refused; None: of the lot itself."""
-    random = np.random.default_rng(seed)
-    units = []
-    for i in range(count):
-        unit = member(random)
-        changed = unit if kind is None else UNLIKE[kind](unit, random)
-        units.append(lot.cells.means([record(changed, "X", seed * 100_000 + i)]))
+    units = _means(lot.cells, kind, count, np.random.default_rng(seed), itertools.count(seed * 100_000))
     return float(np.mean([not one.like for one in likeness(lot.table, lot.cells, units)]))
 
 
 def many_lots(sizes: Sequence[int], count: int) -> Iterator[tuple[str, list[FloatArray]]]:
     """Shares of new units of each kind that are refused (lots,), for each size; the lots are drawn from one pool."""
-    random = np.random.default_rng(50)
-    cells = Cells.over(-38.0, 84.0)
-
-    def units(kind: str | None, number: int) -> list[FloatArray]:
-        made = (member(random) for _ in range(number))
-        changed = (unit if kind is None else UNLIKE[kind](unit, random) for unit in made)
-        return [cells.means([record(unit, "X", int(random.integers(1 << 40)))]) for unit in changed]
-
-    own = units(None, 2 * max(sizes) + count)
+    random, cells = np.random.default_rng(50), Cells.over(-38.0, 84.0)
+    seeds = iter(lambda: int(random.integers(1 << 40)), -1)
+    own = np.array(_means(cells, None, 2 * max(sizes) + count, random, seeds))
     drawn = [[random.permutation(len(own)) for _ in range(LOTS)] for _ in sizes]
     for kind in (None, *UNLIKE):
-        others = None if kind is None else units(kind, count)
+        others = None if kind is None else _means(cells, kind, count, random, seeds)
         shares = []
         for size, orders in zip(sizes, drawn, strict=True):
             found = []
             for order in orders:
-                new = others if others is not None else [own[i] for i in order[size : size + count]]
-                found.append([not one.like for one in likeness(np.array(own)[order[:size]], cells, new)])
+                new = others if others is not None else list(own[order[size : size + count]])
+                found.append([not one.like for one in likeness(own[order[:size]], cells, new)])
             shares.append(np.mean(found, axis=1))
         yield kind or "of the lot", shares
 
