@@ -23,7 +23,7 @@ SCHEMA = "0006"
 
 WAIT_S = 60.0
 """How long a station waits while another one writes [s]."""
-_AGAIN_S = 0.01
+_PAUSE_S = 0.01
 """Before it asks again where SQLite does not wait."""
 
 _AGAIN = "move it away, and make it again with `bench registry rebuild`"
@@ -168,7 +168,7 @@ def _write_ahead(connection: Any) -> None:
         except sqlite3.OperationalError:
             if time.monotonic() > until_s:
                 raise
-            time.sleep(_AGAIN_S)
+            time.sleep(_PAUSE_S)
         else:
             return  # where the file system does not allow it, SQLite stays as it is
 
