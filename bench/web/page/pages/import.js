@@ -12,7 +12,7 @@ const CAN_LOGS = /\.(blf|asc|log|trc)$/i;
 const UNIT = /^[A-Za-z0-9_+][A-Za-z0-9._+-]*$/;
 const ARROW = html`<svg viewBox="0 0 24 24" aria-hidden="true"><path d="M12 16V4m0 0L7 9m5-5 5 5M4 15v4a1 1 0 0 0 1 1h14a1 1 0 0 0 1-1v-4" fill="none" stroke="currentColor" stroke-width="2" stroke-linecap="round" stroke-linejoin="round" /></svg>`;
 
-const bytes = (size) => (size >= 1 << 30 ? `${number(size / (1 << 30), 1)} GiB` : `${number(size / (1 << 20), size < 10 << 20 ? 1 : 0)} MiB`);
+const bytes = (size) => (size >= 1 << 30 ? `${number(size / (1 << 30), 1)}\u00a0GiB` : `${number(size / (1 << 20), size < 10 << 20 ? 1 : 0)}\u00a0MiB`);
 
 function Drop({ kinds, take, refused }) {
   const [over, setOver] = useState(false);
