@@ -52,6 +52,8 @@ _PER = re.compile(r"(\S+?)(?:\s*[*·.]\s*|\s+)([^\W\d]+)(?:\^|\*\*)?\(?[-−⁻]
 _SIGNS = re.compile(r"[\w°µ/*^()·⁻¹²³%. -]+")
 """What units consist of; pint leaves out other signs, and would read °/√h as °/h."""
 
+_PLAIN = {"degC", "degF", "K", "mA", "ohm", "kohm", "Pa", "hPa", "kPa", "mbar", "bar", "%"}
+"""Units that end a header behind an underscore; A and g are letters of names as well."""
 _FORCES = {"g": "standard_gravity", "mg": "millistandard_gravity", "ug": "microstandard_gravity", "m/s²": "m/s^2"}
 """Spellings of accelerations; the gram is none."""
 _MEANINGS = {"grad": ": degree, or gon, the 400th part of a turn (gon/s)", "mhz": ": mHz or MHz"}
@@ -104,7 +106,7 @@ def is_unit(text: str) -> bool:
     text = _usual(text)
     if _plain(text) in _SPELLINGS:
         return _SPELLINGS[_plain(text)] != "" or text == "MHz"
-    return bool(re.fullmatch(r"[a-zA-Zµμ°]+(/[a-zA-Z]+)?", text)) and ("/" in text or text in {"degC", "degF", "K"})
+    return text in _PLAIN or bool(re.fullmatch(r"[a-zA-Zµμ°]+/[a-zA-Z]+", text))
 
 
 def _parse(unit: str, kept: str) -> Any:

@@ -108,16 +108,14 @@ class Diagnosis:
         if self.where:
             lines += ["", *text_table(("where it fails", "from", "to", "RMS [deg/h]", "over floor"), self._places())]
         if self.suspects:
-            lines += ["", *text_table(_HEAD, self._rows()), "* belongs to the explanation"]
+            lines += ["", *text_table(_HEAD, self._rows()), self.answer.mark]
         return "\n".join([*lines, *self._notes()])
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.verdict}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        return html(
-            self.sentence, "Suspects; * belongs to the explanation", _HEAD, self._rows(), self._errors(), *self._notes()
-        )
+        return html(self.sentence, f"Suspects; {self.answer.mark}", _HEAD, self._rows(), self._errors(), *self._notes())
 
     def _errors(self) -> str:
         a = self.answer

@@ -3,6 +3,7 @@ from .channels import CHANNELS as CHANNELS
 from .channels import DPH_PER_DPS as DPH_PER_DPS
 from .channels import DPH_PER_RADPS as DPH_PER_RADPS
 from .channels import INSTRUMENTS as INSTRUMENTS
+from .channels import OTHERS as OTHERS
 from .channels import OUTPUTS as OUTPUTS
 from .channels import RATES as RATES
 from .channels import THERMOMETERS as THERMOMETERS

@@ -63,6 +63,10 @@ CHANNELS: dict[str, Channel] = {
         Channel("voltage", "V", "voltage that a multimeter measures"),
         Channel("current", "A", "current that a multimeter measures"),
         Channel("resistance", "ohm", "resistance that a multimeter measures"),
+        *(
+            Channel(f"other_{n}", "1", f"further quantity {n} of an imported table, as it stands there")
+            for n in range(1, 5)
+        ),
     )
 }
 
@@ -90,3 +94,5 @@ Measured = Literal[
 ]
 INSTRUMENTS: tuple[str, ...] = get_args(Measured)
 """What instruments of a station may measure; `supply` where no unit sends it itself."""
+OTHERS = tuple(f"other_{number}" for number in range(1, 5))
+"""Quantities of imported tables that no other channel is, such as a vibration or a magnetic field."""

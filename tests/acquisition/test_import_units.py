@@ -51,6 +51,34 @@ def test_what_instruments_measured_is_imported_where_its_unit_is_stated(tmp_path
     assert imported(write(tmp_path, head + rows), columns).channels["pressure"].tolist() == [70, 70, 70]
 
 
+@pytest.mark.parametrize(
+    ("header", "channel", "value"),
+    [
+        ("pressure_hPa", "pressure", 40.0),
+        ("pressure_kPa", "pressure", 400.0),
+        ("supply_current_mA", "supply_current", 0.04),
+        ("humidity", "humidity", 40.0),
+        ("RH_%", "humidity", 40.0),
+        ("Relative humidity [%]", "humidity", 40.0),
+    ],
+)
+def test_a_unit_behind_an_underscore_is_read(tmp_path, header, channel, value):
+    rows = "".join(f"{i},1,2{i},40\n" for i in range(3))
+    plan = imported(write(tmp_path, f"time_s,rate_dph,temp_C,{header}\n{rows}"))
+    np.testing.assert_allclose(plan.channels[channel], value)
+
+
+def test_a_quantity_that_no_channel_is_is_taken_where_the_map_names_it(tmp_path):
+    path = write(tmp_path, "time,rate [deg/h],temp [degC],vibration_g,phase_A\n0,1,20,0.1,2\n1,1,21,0.2,3\n")
+    plan = imported(path)
+    assert "not used             vibration_g, phase_A" in plan.preview()
+    assert "`other_1: {column: vibration_g}`" in plan.preview()
+    columns = ColumnMap.model_validate({"other_1": {"column": "vibration_g"}})
+    plan = imported(path, columns)
+    assert plan.channels["other_1"].tolist() == [0.1, 0.2]
+    assert "`other_2: {column: phase_A}`" in plan.preview()
+
+
 def test_a_text_column_is_an_error_only_where_it_is_wanted(tmp_path):
     path = write(tmp_path, "time,rate,temperature,note\n0,1,20,warm\n1,1,20,\n2,oops,20,\n")
     assert refusal(path).startswith("FILE:4: 'rate' is 'oops', not a number")

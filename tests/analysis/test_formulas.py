@@ -75,6 +75,35 @@ def test_ageing_is_named_beside_another_effect():
 
 
 @pytest.mark.slow
+def test_a_quantity_of_a_table_that_no_channel_is_explains_a_run(quiet):
+    run, still = quiet
+    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+
+    def shaken(record, mean):
+        """A pump that runs for 600 of 1700 s shakes the unit, which follows within 300 s."""
+        pump = mean + (np.mod(record.time, 1700.0) < 600.0)
+        follows = np.empty(len(pump))
+        level = pump[0]
+        for row, value in enumerate(pump):
+            level += (1.0 - np.exp(-record.interval_s / 300.0)) * (value - level)
+            follows[row] = level
+        return replace(
+            record, channels={**record.channels, "other_1": pump, "rate": record.channels["rate"] + 0.8 * follows}
+        )
+
+    answer = diagnose([shaken(run, 0.0)], MODEL, check=[shaken(check, 0.5)], static=still)
+    best = answer.formulas[0]
+    assert re.match(r"k \* lag\(\(other_1 - .*\), (2[5-9]\d|3[0-4]\d)\.?\d*\)", best.formula), best.formula
+    assert best.proof.proved
+    assert answer.sentence.startswith("The model lacks something that no effect of the catalogue explains")
+    first, second = answer.sentence.index("A formula that fits"), answer.sentence.find("nearest")
+    assert second == -1 or first < second
+    constant = [note for note in answer.notes if "is a constant of the check run" in note]
+    assert len(constant) == 1
+    assert answer.held_out_rms_dph > 1.2 * best.proof.before_dph
+
+
+@pytest.mark.slow
 def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
     run, still = quiet
     wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)

@@ -31,7 +31,12 @@ _SYNONYMS = {
     "compressor": "compressor",
     "applied_rate": "appliedrate tablerate ratetable referencerate",
 }
-_INSTRUMENTS = {name.replace("_", ""): name for name in INSTRUMENTS}
+_INSTRUMENTS = {name.replace("_", ""): name for name in INSTRUMENTS} | {
+    "rh": "humidity",
+    "relativehumidity": "humidity",
+}
+_UNITLESS = ("supply", "humidity")
+"""Measured by instruments, and known without a unit."""
 _BY_WORD = _INSTRUMENTS | {word: channel for channel, words in _SYNONYMS.items() for word in words.split()}
 FOREIGN_WORDS = tuple(word for words in _SYNONYMS.values() for word in words.split() if not word.isascii())
 """Headers by which the encoding of a table shows."""
@@ -269,7 +274,7 @@ def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
         channel = name if name in IMPORTED else _BY_WORD.get(_word(word))
         if channel == "time" and unit is not None and _measures(unit, "temperature"):
             channel = "temperature"  # T in degC is no time
-        if channel in INSTRUMENTS and channel != "supply" and (unit is None or not _measures(unit, channel)):
+        if channel in INSTRUMENTS and channel not in _UNITLESS and (unit is None or not _measures(unit, channel)):
             continue  # a pressure in no unit, or a current in mV: of something else
         if channel is not None and name not in taken:
             found.setdefault(channel, []).append(name)

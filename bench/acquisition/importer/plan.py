@@ -18,7 +18,7 @@ from bench.acquisition.importer.branches import Branch, find_branches, segment_o
 from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
 from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
 from bench.acquisition.importer.table import Table
-from bench.base import CHANNELS, RATES, THERMOMETERS, FloatArray, InputError, __version__, dump, load_config
+from bench.base import CHANNELS, OTHERS, RATES, THERMOMETERS, FloatArray, InputError, __version__, dump, load_config
 from bench.record import (
     EVENTS,
     Dataset,
@@ -82,8 +82,12 @@ class ImportPlan:
                 f"  {mapped.channel:<20} {known.min():.6g} to {known.max():.6g} {unit}, {known.size:,} values, {how}"
             )
         used = {self.time_source.column, *(m.column for m in self.mapped)}
-        left_out = [name for name in (*self.table.columns, *self.table.unread) if name not in used]
+        numbers = [name for name in self.table.columns if name not in used]
+        left_out = [*numbers, *(name for name in self.table.unread if name not in used)]
         lines.append(f"  not used             {', '.join(left_out)}" if left_out else "  every column is used")
+        if spare := next((name for name in OTHERS if name not in self.channels), "") if numbers else "":
+            entry = f"`{spare}: {{column: {numbers[0]}}}`"
+            lines.append(f"  effects of a further quantity are searched, too, if a column map has it: {entry}")
         lines += [f"  branch {b.as_segment(i).name}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
                   "degC/min" for i, b in enumerate(self.branches)]  # fmt: skip
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])

@@ -187,8 +187,8 @@ class Diagnosis:
     unexplained_residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     next_experiment: Mapping[str, Any] | None = None
     static: str = ""
-    sisters: tuple[str, ...] = ()
     """Name of the isothermal run that tells the noise; empty without."""
+    sisters: tuple[str, ...] = ()
     formulas: tuple[DescribedFormula, ...] = ()
     """What the catalogue does not hold, best first."""
     kernel: Kernel | None = None
@@ -209,6 +209,11 @@ class Diagnosis:
     def named(self) -> tuple[SuspectedEffect, ...]:
         """Effects found that unseen data prove: what "missing" says."""
         return tuple(s for s in self.found if s.proved) if self.verdict == "missing_effect" else ()
+
+    @property
+    def mark(self) -> str:
+        """What the mark of the suspects that were found says."""
+        return "* is nearest to what is missing" if self.nearest else "* belongs to the explanation"
 
     def to_json(self) -> dict[str, Any]:
         """The object of `bench diagnose --json`; null where a number does not exist."""

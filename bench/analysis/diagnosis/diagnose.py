@@ -47,6 +47,7 @@ _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
 _DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
+_SHAPE_ALONE = 0.95  # of the error on check runs: with less a constant is worth a note
 _UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
 
 
@@ -182,7 +183,7 @@ class _Case:
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
             noise_finding=_DRIFTS if explained.drifts and not steps else self.noise,
-            notes=(*self.notes, *floor_note),
+            notes=(*self.notes, *floor_note, *_constant(base)),
             model=self.fit.model,
             improved=explained.layout.rows.model,
             residuals=base.residuals,
@@ -317,6 +318,17 @@ def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
         "because the misfit of a coarse curve looks like an effect"
     )
     return fit, [text]
+
+
+def _constant(base: Unseen) -> tuple[str, ...]:
+    """The note that errors on the check runs are stated with and without a constant, where that matters."""
+    if not base.shape_dph < _SHAPE_ALONE * base.rms_dph:
+        return ()
+    constant_dph = float(np.sqrt(base.rms_dph**2 - base.shape_dph**2))
+    text = (
+        f"of the held-out error {number(constant_dph)} deg/h is a constant of the check run, such as its turn-on bias"
+    )
+    return (f"{text}; what an effect or a formula lowers is stated without it",)
 
 
 def _finer(asked: Effect, chosen: Effect) -> Effect:

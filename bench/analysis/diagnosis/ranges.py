@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.blocks import Bounds
-from bench.base import INSTRUMENTS, BoolArray, FloatArray
+from bench.base import INSTRUMENTS, OTHERS, BoolArray, FloatArray
 from bench.record import Dataset
 
 _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
-            *(name for name in INSTRUMENTS[1:] if "temperature" not in name))  # fmt: skip
+            *(name for name in INSTRUMENTS[1:] if "temperature" not in name), *OTHERS)  # fmt: skip
 """Not thermometers: each would be a look-alike of the unit's own."""
 _SWITCHED = ("compressor",)
 

@@ -9,6 +9,7 @@ from bench.analysis.diagnosis.described import sentence as formula_sentence
 from bench.analysis.thresholds import NEAREST_RATIO
 from bench.base import ends, listed, number, with_uncertainty
 
+_LACKS = "The model lacks something that no effect of the catalogue explains"
 UNSEEN = "not to be seen here: the model takes it in"
 """Of an effect that the run would not show at any size."""
 
@@ -16,7 +17,13 @@ UNSEEN = "not to be seen here: the model takes it in"
 def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
     """What an engineer reads first; `why` says why the verdict is not decided."""
     formulas = [formula_sentence(answer.formulas[0])] if answer.formulas else []
-    return " ".join([_verdict(answer, drifts, why), *formulas])
+    verdict = _verdict(answer, drifts, why)
+    rest = verdict.removeprefix(f"{_LACKS}. ")
+    if formulas and rest != verdict and not answer.formulas[0].beside:
+        # What describes it comes before what does not, and what does not even lower the error is of no use.
+        near = [rest] if any(suspect.proof.falls for suspect in answer.found) else []
+        return " ".join([f"{_LACKS}.", *formulas, *near])
+    return " ".join([verdict, *formulas])
 
 
 def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
@@ -123,10 +130,10 @@ def _unknown(answer: Diagnosis, drifts: bool) -> str:
     if answer.nearest:
         return _nearest(answer)
     place = f": a misfit {_where(rest[0])}" if rest else ""
-    text = f"The model lacks something that no effect of the catalogue explains{place}."
+    text = f"{_LACKS}{place}."
     if answer.found:
         text += f" {answer.found[0].effect} explains a part of it."
-    elif answer.suspects:
+    elif answer.suspects and not answer.formulas:
         text += f" The nearest effect of the catalogue is {answer.suspects[0].effect}, no better than chance."
     return text
 
@@ -140,9 +147,8 @@ def _nearest(answer: Diagnosis) -> str:
         scale, much = answer.floor_dph, "x the noise floor"
     before, after = number(proof.before_dph / scale, 2), number(proof.after_dph / scale, 2)
     return (
-        f"The model lacks something that no effect of the catalogue explains. The nearest entry of the catalogue is "
-        f"{name}: with it the error on {proof.unseen} changes from {before} to {after} {much}, so it "
-        "behaves like that and is something else, or not all."
+        f"{_LACKS}. The nearest entry of the catalogue is {name}: with it the error on {proof.unseen} changes from "
+        f"{before} to {after} {much}, so it behaves like that and is something else, or not all."
     )
 
 

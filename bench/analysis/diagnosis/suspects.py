@@ -24,14 +24,14 @@ from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
 from bench.analysis.noise.likelihood import Record
 from bench.analysis.thresholds import LEAST_PRESENT
-from bench.base import INSTRUMENTS, BoolArray, FloatArray, InputError
+from bench.base import INSTRUMENTS, OTHERS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 _APART_S = 30 * 86400.0
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _POINTS_OF_PLACE = 64  # of a place in temperature: about two degrees apart, what happens there is wider
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate",
-             *INSTRUMENTS[1:])  # fmt: skip
+             *INSTRUMENTS[1:], *OTHERS)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,7 +102,9 @@ def _suspects(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
             mark = "*" if suspect.found else " "
             rows.append((f"{mark} {suspect.effect}", f"{suspect.evidence:.1f}", held_out, removes, alike))
         yield table(("Suspects", ">evidence", ">held-out", ">removes", "look-alikes"), rows)
-        yield f"  evidence above {diagnosis.threshold:.1f} is significant; * belongs to the explanation"
+        yield "; ".join(
+            [f"  evidence above {diagnosis.threshold:.1f} is significant", *([diagnosis.mark] * any(diagnosis.found))]
+        )
         yield from [f"  {reason}"] if (reason := analysis.ranking_reason(diagnosis)) else []
         yield ""
 

@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from bench.analysis import FLICKER_FLOOR, AllanCurve, Noise, zero_rate
-from bench.base import CHANNELS, INSTRUMENTS, FloatArray
+from bench.base import CHANNELS, INSTRUMENTS, OTHERS, FloatArray
 from bench.deliver.report import plotting
 from bench.deliver.report.plotting import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, Plot, axis
 from bench.record import Dataset
@@ -89,7 +89,7 @@ def _smooth(values: FloatArray, width: int = 7) -> FloatArray:
 
 def further_channels(dataset: Dataset) -> list[str]:
     """What the unit and the instruments of its station measured beside rate and temperature."""
-    return [name for name in ("frequency", "drive", "quadrature", *INSTRUMENTS) if dataset.has(name)]
+    return [name for name in ("frequency", "drive", "quadrature", *INSTRUMENTS, *OTHERS) if dataset.has(name)]
 
 
 def channels_figure(dataset: Dataset) -> Plot | None:
