@@ -4,6 +4,7 @@ import json
 from datetime import timedelta
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from bench.commands import registry_rebuild
@@ -125,7 +126,10 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     unit.fill("deg/s")
     unit.press("Tab")
     page.get_by_text("Everything that is needed was recognised").wait_for()
-    page.get_by_text("Not used: =1+1").wait_for()
+    page.get_by_role("button", name="+ =1+1").click()
+    further = page.get_by_label("Column of: Further quantity 1", exact=True)
+    assert further.input_value() == "=1+1"
+    page.get_by_text("Not used:").wait_for(state="detached")
     page.locator(".main-svg").first.wait_for()
     serial = page.get_by_label("Serial number of the unit")
     serial.fill("../escape")
@@ -135,6 +139,7 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     page.get_by_role("heading", name="Imported").wait_for()
     made = json.loads(next(folder.glob("IMP-7/*/manifest.json")).read_text())
     assert made["rows"] == 2000
+    assert "other_1" in pq.read_schema(next(folder.glob("IMP-7/*/data.parquet"))).names
     page.get_by_role("link", name="History of IMP-7").click()
     page.get_by_role("cell", name="Import", exact=True).wait_for()
     page.get_by_role("cell", name="Import: лог 7.csv").wait_for()

@@ -56,6 +56,9 @@ function columnsOf(chosen) {
   return out;
 }
 
+/** Columns without a channel that have a button. */
+const MOST_OFFERED = 8;
+
 /** The recognised content as the initial choice. */
 function choiceOf(understood) {
   const out = { time: { column: understood.time.column ?? "", unit: understood.time.unit ?? "" } };
@@ -92,13 +95,15 @@ function Understood({ shown, kinds, choice, change, busy }) {
   const table = (channels) => html`<div class="scroll"><table class="st-map"><thead><tr><th scope="col">${t("import.channel")}</th><th scope="col">${t("import.column")}</th><th scope="col">${t("import.unit")}</th><th scope="col" class="n">${t("import.range")}</th><th scope="col" class="wide">${t("import.first")}</th></tr></thead>
     <tbody>${channels.map((kind) => html`<${Channel} key=${kind.name} kind=${kind} columns=${columns} seen=${seen(kind.name)} choice=${choice[kind.name] ?? { column: "", unit: "" }} change=${(next) => change(kind.name, next)} />`)}</tbody></table></div>`;
   const rest = understood ? columns.filter((one) => !used.has(one.name)) : [];
+  const spare = kinds.channels.find(({ name }) => name.startsWith("other_") && !choice[name]?.column)?.name;
   return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
       ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
     ${shown.problem && html`<div class="notice warn" role="alert"><p><${Said} text=${shown.problem} /></p></div>`}
     ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
     ${table(kinds.channels.filter(there))}
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
-    ${rest.length > 0 && html`<p class="soft">${t("import.rest")} ${rest.map((one) => one.name).join(", ")}</p>`}
+    ${rest.length > 0 && html`<div class="row soft"><span>${t("import.rest")}</span>${rest.slice(0, MOST_OFFERED).map(({ name }) => (spare ? html`<button key=${name} title=${t("import.use", { column: name, channel: channelWord(spare) })} onClick=${() => change(spare, { column: name, unit: "" })}>+ ${name}</button>` : html`<span key=${name}>${name}</span>`))}
+      <span>${rest.slice(MOST_OFFERED).map((one) => one.name).join(", ")}</span></div>`}
     ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} ${symbols("s")}` })}</p>
       <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}, ${number(one.target_degc, 1)} °C, ${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
       <${Chart} figure=${shown.figure} words=${t("import.picture")} name="import" height=${340} />`}
