@@ -24,7 +24,7 @@ from bench.analysis import (
     ranking_reason,
     rivals,
 )
-from bench.base import CHANNELS, finite, in_print, listed, number, with_uncertainty
+from bench.base import CHANNELS, ends, finite, in_print, listed, number, with_uncertainty
 from bench.deliver.report import figures_diagnosis
 from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
@@ -265,10 +265,9 @@ def _places(answer: Diagnosis) -> Markup:
 
 def _place(place: Place) -> tuple[object, ...]:
     name, unit = _channel(place.channel)
-    ends = (number(place.low, 4), number(place.high, 4))
     note = in_print(place.note).replace("+-", "±")
     where = f"{name} [{unit}]" if unit else name
-    return (where, *ends, number(place.misfit_dph, 2), number(place.floor_ratio, 2), _odds(place.p), note)
+    return (where, *ends(place.low, place.high), number(place.misfit_dph, 2), number(place.floor_ratio, 2), _odds(place.p), note)
 
 
 def _odds(p: float) -> str:
