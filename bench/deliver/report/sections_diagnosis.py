@@ -267,7 +267,14 @@ def _place(place: Place) -> tuple[object, ...]:
     name, unit = _channel(place.channel)
     note = in_print(place.note).replace("+-", "±")
     where = f"{name} [{unit}]" if unit else name
-    return (where, *ends(place.low, place.high), number(place.misfit_dph, 2), number(place.floor_ratio, 2), _odds(place.p), note)
+    return (
+        where,
+        *ends(place.low, place.high),
+        number(place.misfit_dph, 2),
+        number(place.floor_ratio, 2),
+        _odds(place.p),
+        note,
+    )
 
 
 def _odds(p: float) -> str:
