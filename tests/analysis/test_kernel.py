@@ -1,5 +1,6 @@
 """The memory of what is left, and what is left over two channels, where no formula is short."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import Noise
 from bench.analysis.noise.likelihood import NoiseLattice
+from bench.analysis.noise.whitening import covariance
 from bench.base.errors import InputError
 from bench.deliver.report.sections_left import left
 from bench.record.dataset import Dataset
@@ -103,6 +105,46 @@ def test_the_deviation_of_a_cell_is_what_noise_does_to_it():
     assert 0.95 < np.median(ratio) < 1.05
     assert 0.8 < ratio.min() <= ratio.max() < 1.2
     assert np.mean(surfaces[1].stands_out[visited]) < 0.15
+
+
+def test_the_deviation_of_a_cell_under_slow_noise_is_that_of_the_covariance_of_all_rows():
+    data = run(np.zeros(SECONDS), 0)
+    laid_out, noise = layout(data), Noise(0.01, 0.05, 0.1)
+    found = residual_surface(laid_out, np.zeros(len(data)), ("temperature", RATE_OF_TEMPERATURE), noise)
+    problem = laid_out.problem
+    dense = covariance(problem.time_s, 30.0, noise.ratios(30.0)) * noise.white_variance(30.0)
+    beside = np.eye(len(data)) - problem.base @ np.linalg.pinv(problem.base)
+    x, y = data.channel("temperature"), np.nan_to_num(data.dT_dt)
+    means = binned_statistic_2d(x, y, beside, "mean", bins=found.edges).statistic[:, found.count > 0]
+    expected = np.sqrt(np.einsum("ik,ij,jk->k", means, dense, means))
+    np.testing.assert_allclose(found.se[found.count > 0], expected, rtol=0.15)
+
+
+def test_a_run_of_days_is_shown_in_cells_too():
+    day = run(np.zeros(SECONDS), 0)
+    days = replace(
+        day,
+        time=np.concatenate([day.time + n * SECONDS for n in range(8)]),
+        channels={name: np.tile(values, 8) for name, values in day.channels.items()},
+        segment=np.tile(day.segment, 8),
+        counts={name: np.tile(values, 8) for name, values in day.counts.items()},
+        variances={name: np.tile(values, 8) for name, values in day.variances.items()},
+    )
+    assert len(days) > 5000
+    found = residual_surface(layout(days), np.zeros(len(days)), ("temperature", RATE_OF_TEMPERATURE), Noise(0.01, 0, 0))
+    assert np.isfinite(found.se[found.count > 0]).all()
+
+
+@pytest.mark.slow
+def test_a_name_on_its_bound_gives_way_to_a_formula_that_is_as_good():
+    """A memory of 20 min: the shortest creep is one of 30 min, and fits no worse."""
+    answer = diagnose([run(0.008 * np.exp(-T / 1200.0), 1)], SPLINE, candidates=[effects.make("creep")], workers=1)
+    (creep,) = answer.found
+    assert creep.parameters["tau_h"].at_bound
+    best = answer.formulas[0]
+    assert (answer.verdict, best.proof.proved) == ("unknown_effect", True)
+    tau_s = float(re.fullmatch(r"k \* lag\(dT_dt, ([\d.]+)\)", best.formula)[1])
+    assert tau_s == pytest.approx(1200.0, rel=0.1)
 
 
 def test_channels_that_a_run_lacks_are_named():

@@ -133,8 +133,10 @@ class Describer:
         if best and (best.borne > named_borne + TIE or self._says_more(best.one, explained.layout)):
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
-        if not beside and plain and plain[0].total > named - TIE and explained.word == "unknown_effect":
-            return Description(self._listed(layout, plain))  # no better than the effects, and no worse
+        stuck = any(step.on_bound for step in explained.steps)
+        if not beside and plain and plain[0].total > named - TIE and (stuck or explained.word == "unknown_effect"):
+            # No better than the effects, and no worse: it stands for one that is not determined.
+            return Description(self._listed(layout, plain), replaces=stuck)
         names = tuple(step.name for step in explained.steps)
         return Description(self._answer(explained.layout, beside, borne, names))
 

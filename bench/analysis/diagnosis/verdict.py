@@ -47,6 +47,11 @@ class FoundEffect:
         """The effect's name in models."""
         return self.effect.name
 
+    @property
+    def on_bound(self) -> bool:
+        """Whether the search of a parameter ended at an end of its range: the data do not determine it."""
+        return any(p.on_bound(v) for p, v in zip(self.effect.parameters, self.suspect.theta, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
