@@ -35,7 +35,12 @@ RESPONSES = {
 
 
 def run(response, seed, noise=0.06):
-    """Ramps at two rates between soaks, with a memory, white noise and a random walk, in 30 s means."""
+    """The same in 30 s means."""
+    return run_seconds(response, seed, noise).average(30.0)
+
+
+def run_seconds(response=(0.0,), seed=0, noise=0.06):
+    """Ramps at two rates between soaks, with a memory, white noise and a random walk."""
     corners = [0, 1800, 6000, 7200, 8700, 10500, 13200, 14400, 17100, 18900, 20400, SECONDS]
     temperature = np.interp(T, corners, [20, 20, -30, -30, 40, 40, 80, 80, 35, 35, -10, -10])
     memory = fftconvolve(np.diff(temperature, prepend=temperature[0]), response)[:SECONDS]
@@ -43,7 +48,7 @@ def run(response, seed, noise=0.06):
     wander = np.cumsum(rng.normal(size=SECONDS)) * noise / 600.0 + rng.normal(size=SECONDS) * noise * np.sqrt(30.0)
     rate = 1.5 * (temperature / 85.0) - (temperature / 85.0) ** 2 + memory + wander
     channels = {"rate": rate, "temperature": temperature}
-    return Dataset("run", T, channels, np.zeros(SECONDS, dtype=np.int64)).average(30.0)
+    return Dataset("run", T, channels, np.zeros(SECONDS, dtype=np.int64))
 
 
 def layout(data):
@@ -133,6 +138,20 @@ def test_a_run_of_days_is_shown_in_cells_too():
     assert len(days) > 5000
     found = residual_surface(layout(days), np.zeros(len(days)), ("temperature", RATE_OF_TEMPERATURE), Noise(0.01, 0, 0))
     assert np.isfinite(found.se[found.count > 0]).all()
+
+
+def test_a_record_with_many_short_gaps_is_diagnosed():
+    """Means of what is left beside a gap lie nearer to the next mean than whole ones."""
+    rng = np.random.default_rng(5)
+    kept = np.ones(SECONDS, dtype=bool)
+    for begin in rng.integers(0, SECONDS, 40):
+        kept[begin : begin + int(rng.integers(10, 140))] = False
+    loop = np.where(np.gradient(run_seconds().channel("temperature")) > 0, 0.3, -0.3)
+    whole = run_seconds()
+    data = replace(whole, channels={**whole.channels, "rate": whole.channels["rate"] + loop}).select(kept).average(30.0)
+    assert np.diff(data.time).min() < 15.0
+    answer = diagnose([data], SPLINE, candidates=[effects.make("hysteresis"), effects.make("aging")], workers=1)
+    assert [suspect.effect for suspect in answer.found] == ["hysteresis"]
 
 
 @pytest.mark.slow

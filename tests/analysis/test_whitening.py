@@ -28,6 +28,18 @@ def test_recursion_agrees_with_dense_cholesky(ratios, time_s):
     assert_allclose(whitener.log_det, np.linalg.slogdet(dense)[1], rtol=1e-12)
 
 
+@pytest.mark.parametrize("ratios", [Ratios(1e6, 0.0), Ratios(0.0, 1e6), Ratios(1e3, 1e3)])
+@pytest.mark.parametrize("apart_s", [25.0, 17.5, 7.5, 2.0])
+def test_means_beside_gaps_have_a_positive_covariance(ratios, apart_s):
+    time_s = np.arange(100) * 30.0 + 15.0
+    time_s[40] = time_s[41] - apart_s
+    time_s[70:] = time_s[69] + apart_s + 30.0 * np.arange(30)
+    dense = covariance(time_s, 30.0, ratios)
+    assert np.linalg.eigvalsh(dense)[0] > 0.0
+    white = Whitener.of(ratios, time_s, 30.0).apply(np.eye(100))
+    np.testing.assert_allclose(white @ dense @ white.T, np.eye(100), atol=1e-6)
+
+
 def test_many_ratios_at_once_are_the_same_as_one_by_one():
     time_s = gapped_times(100)
     vector = np.sin(time_s)

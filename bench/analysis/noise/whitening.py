@@ -27,6 +27,7 @@ from bench.base import FloatArray
 
 _RATIO = 4.0  # of neighbouring time constants: the sum is within 1.5 % of 1/f (tests/test_whitening.py)
 _LONGEST_S = 131072.0  # 36 h: beyond any run, where flicker is a constant to the fit
+_LEAST_APART = 0.7  # intervals: nearer ones would overlap, and C, which is that of whole means, not be positive
 _BLOCK = 32
 _FEW = 8  # columns up to which one LAPACK call goes through the blocks faster than a product for each
 _AT_ONCE = 256  # columns that are whitened at once: more, and what is made of them does not fit the cache
@@ -61,9 +62,16 @@ class _Shape:
         return _Shape(tau_s, gain, diagonal)
 
 
+def _apart(time_s: FloatArray, interval_s: float) -> FloatArray:
+    """Mid times (n,) [s] moved apart where gaps within the intervals brought them nearer than whole ones can be."""
+    steps = _LEAST_APART * interval_s * np.arange(len(time_s))
+    near = np.any(np.diff(time_s) < _LEAST_APART * interval_s)
+    return np.maximum.accumulate(time_s - steps) + steps if near else time_s
+
+
 def covariance(time_s: FloatArray, interval_s: float, ratios: Ratios, white: FloatArray | None = None) -> FloatArray:
     """Dense C (n, n) [1] of means at mid times (n,) [s]: what the recursion factorises. `white` (n,) replaces I."""
-    shape = _Shape.of(interval_s)
+    shape, time_s = _Shape.of(interval_s), _apart(time_s, interval_s)
     lag = np.abs(time_s[:, None] - time_s[None, :])
     since_h = (time_s - time_s[0] + interval_s / 2.0) / 3600.0
     dense: FloatArray = ratios.walk * np.minimum(since_h[:, None], since_h[None, :])
@@ -178,7 +186,7 @@ class Recursion:
 
     def __init__(self, time_s: FloatArray, interval_s: float, white: FloatArray | None = None) -> None:
         """Covariances within each block, and of each of its rows with the states at its end, for unit ratios."""
-        shape = _Shape.of(interval_s)
+        shape, time_s = _Shape.of(interval_s), _apart(time_s, interval_s)
         self._rows = len(time_s)
         self._white = np.ones(self._rows) if white is None else white
         padding = (0, -self._rows % _BLOCK)
