@@ -128,8 +128,9 @@ def recovered(paths: Sequence[Path], output: str | None = None) -> list[record.D
 
 
 def usual_means(seconds: Sequence[record.Dataset]) -> list[record.Dataset]:
-    """Means over the usual interval, of 1 s means."""
-    return [record.averaged(run, record.DEFAULT_INTERVAL_S) for run in seconds]
+    """Means over the usual interval, of 1 s means; where rows of a run are further apart, over their distance."""
+    interval_s = max([record.DEFAULT_INTERVAL_S, *(run.spacing_s for run in seconds)])
+    return [record.averaged(run, interval_s) for run in seconds]
 
 
 def report_on(  # noqa: PLR0913, PLR0917 - options of one command

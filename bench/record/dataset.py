@@ -277,12 +277,20 @@ class Dataset:
         """The same record with one channel replaced or added (an effect that moves the abscissa uses it)."""
         return replace(self, channels={**self.channels, name: values}, moved=self.moved | {name})
 
+    @property
+    def spacing_s(self) -> float:
+        """Usual distance of the rows [s]: a slow table of somebody else has less than one a second."""
+        return (
+            max(self.interval_s, round(float(np.median(np.diff(self.time))), 3)) if len(self) > 1 else self.interval_s
+        )
+
     def average(self, interval_s: float) -> Dataset:
         """Means over about `interval_s` [s]: each stretch of one segment is cut into equal bins, none across its end.
 
         Equal bins keep the rows evenly spaced, which a covariance over time needs. Means are weighted by counts;
         counts add; variances are those of all samples inside. A gap shrinks the count, an empty bin is no row, a
-        channel without a sample in a bin is NaN there. Raises InputError below the base.
+        channel without a sample in a bin is NaN there. Rows that are further apart stay as they are, each a mean over
+        their distance. Raises InputError below the base.
         """
         if not interval_s >= self.interval_s * (1 - 1e-9):
             raise InputError(f"{self.name}: cannot average over {interval_s:g} s, its rows are {self.interval_s:g} s")
@@ -307,7 +315,7 @@ class Dataset:
             counts={name: count for name, (_, count, _) in pooled.items()},
             variances={name: variance for name, (_, _, variance) in pooled.items()},
             segment=self.segment[starts],
-            interval_s=float(interval_s),
+            interval_s=max(float(interval_s), self.spacing_s),
             finer_step=self.temperature_step,
             finer_rate_step=self.rate_step if "rate" in self.channels else None,
             finer=Finer(self, group) if self.finer is None else self.finer.to(group),

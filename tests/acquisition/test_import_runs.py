@@ -11,7 +11,9 @@ import pytest
 from bench.acquisition.importer.branches import find_branches, segment_of
 from bench.acquisition.importer.columns import ChannelSource, ColumnMap
 from bench.acquisition.importer.plan import load_columns, write_import
+from bench.analysis.noise.floor import noise_floor
 from bench.base.errors import InputError
+from bench.commands.analysis import usual_means
 from bench.record import apart, dataset, load
 from bench.record.folder import open_run
 from bench.record.samples import read_samples
@@ -68,6 +70,31 @@ def test_an_import_is_a_run_folder_that_the_analysis_reads(tmp_path):
     np.testing.assert_allclose(found.channel("temperature"), np.interp(found.time, time, degc), atol=0.2)
     assert [segment.direction for segment in found.segments] == ["cooling", "constant", "heating", "cooling"]
     assert set(found.segment) == {0, 1, 2, 3}
+
+
+def steady_log(tmp_path, step_s, name):
+    """White noise of 0.01 deg/sqrt(h) in means over `step_s`, at two temperatures."""
+    time = np.arange(0.0, 40 * 3600.0, step_s)
+    degc = np.interp(time, np.array([0, 18, 19, 40]) * 3600.0, [20, 20, 60, 60])
+    rate = 3.0 + np.random.default_rng(1).normal(0.0, 0.01 / np.sqrt(step_s / 3600.0), time.size)
+    body = "\n".join(f"{t:g},{r:.6f},{c:.3f}" for t, r, c in zip(time, rate, degc, strict=True))
+    plan = imported(write(tmp_path, f"time_s,rate_dph,temp_C\n{body}\n", f"{name}.csv"), serial=name)
+    return write_import(plan, tmp_path / "reports").path
+
+
+@pytest.mark.parametrize("step_s", [10.0, 45.0, 120.0])
+def test_rows_that_are_further_apart_than_means_are_means_over_their_distance(tmp_path, step_s):
+    run = steady_log(tmp_path, step_s, "S-1")
+    means, every_s = load(run), max(step_s, 30.0)
+    assert means.interval_s == every_s
+    floor = noise_floor([load(run, 1.0)], 30.0, intervals=False)
+    assert floor.floor_dph == pytest.approx(0.01 / np.sqrt(every_s / 3600.0), rel=0.05)
+    assert floor.floor_dph == pytest.approx(np.std(means.channels["rate"]), rel=0.05)
+
+
+def test_logs_with_different_distances_of_rows_are_taken_in_means_of_one_length(tmp_path):
+    runs = [steady_log(tmp_path, step_s, name) for step_s, name in ((10.0, "S-1"), (120.0, "S-2"))]
+    assert [run.interval_s for run in usual_means([load(run, 1.0) for run in runs])] == [120.0, 120.0]
 
 
 def test_the_manifest_names_the_source_and_every_file(tmp_path):

@@ -81,6 +81,7 @@ def analyse(  # noqa: PLR0913 - options of one command, by keyword
     still, fine = (None if calm is None else averaged(calm, s) for s in (interval_s, 1.0))
     others = tuple(_lacking((*check, *([] if static is None else [static]), *sisters)))
     seconds, data, reason, inertial = _means(run, interval_s)
+    interval_s = interval_s if data is None else data.interval_s
     refuse_twice((*kin, *([] if still is None else [still])))
     refuse_twice(one for one in (data, *checks, still) if one is not None)
     done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))

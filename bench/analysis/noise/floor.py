@@ -44,7 +44,8 @@ def noise_floor(
 ) -> Floor:
     """Floor of means over `interval_s` of a run as long as the first, read from the isothermal run if one is given.
 
-    All are given in rows as fine as there are (1 s means). `intervals` takes half a second more.
+    Rows of the first run that are further apart are means over their distance. All are given in rows as fine as there
+    are (1 s means). `intervals` takes half a second more.
     """
     sources = tuple(runs) if static is None else (static,)
     stretches = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
@@ -58,7 +59,7 @@ def noise_floor(
     longest = max(rows.size for _, _, rows in stretches)
     stretches = [one for one in stretches if one[2].size >= _LEAST_SHARE * longest]
     pieces = [_on_grid(source, rows) for source, _, rows in stretches]
-    base_s, duration_s = _step_s(stretches[0][0]), float(np.ptp(runs[0].time))
+    base_s, duration_s = stretches[0][0].spacing_s, float(np.ptp(runs[0].time))
     try:
         estimate = estimate_noise(pieces, base_s)
         pairs = zip(stretches, pieces, strict=True)
@@ -66,6 +67,7 @@ def noise_floor(
     except InputError as error:
         return Floor(reason=str(error), static=of)
     spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in stretches)
+    interval_s = max(interval_s, runs[0].spacing_s)
     floor_dph = estimate.noise.std_of_means(interval_s, duration_s)
     found = Floor(floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate)
     if not intervals:
@@ -115,14 +117,9 @@ def _settled(base: Dataset, rows: IntArray) -> IntArray:
     return rows[min(begin, rows.size // 2) :]
 
 
-def _step_s(base: Dataset) -> float:
-    """Distance of the rows [s]: a slow table of somebody else has less than one a second."""
-    return max(base.interval_s, round(float(np.median(np.diff(base.time))), 3))
-
-
 def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
     """Bias of the rows on an even grid of time, NaN in gaps, and how the samples behind each row scatter."""
-    index = np.rint((base.time[rows] - base.time[rows[0]]) / _step_s(base)).astype(np.int64)
+    index = np.rint((base.time[rows] - base.time[rows[0]]) / base.spacing_s).astype(np.int64)
 
     def grid(values: FloatArray) -> FloatArray:
         column = np.full(int(index[-1]) + 1, np.nan)

@@ -151,7 +151,7 @@ def _time_caption(drawing: Drawing, shown: View, floor_dph: float) -> list[Said]
     worst = int(np.nanargmax(np.abs(left))) if np.any(np.isfinite(left)) else 0
     residual = said(
         "time_residual", model=drawing.name, rms=drawing.rms_dph(),
-        interval={"number": DEFAULT_INTERVAL_S, "digits": 2}, largest=float(left[worst]),
+        interval={"number": drawing.data().interval_s, "digits": 2}, largest=float(left[worst]),
         at={"number": float(shown.time[worst]) / (3600 if hours else 1), "decimals": 2 if hours else 1},
         unit={"unit": "h" if hours else "s"},
     )  # fmt: skip
@@ -182,7 +182,7 @@ def temperature(drawing: Drawing) -> Figure:
             parts.append(said("direction", direction={"label": text}, rms=rms, mean=mean))
     caption = said(
         "temperature", run=drawing.of.id, temperature=span(data.channel("temperature")[shown]), model=drawing.name,
-        interval={"number": data.interval_s, "digits": 2}, means={"number": DEFAULT_INTERVAL_S, "digits": 2},
+        interval={"number": data.interval_s, "digits": 2}, means={"number": drawing.data().interval_s, "digits": 2},
         parts=parts,
     )  # fmt: skip
     table = columns({
@@ -272,7 +272,7 @@ def axes(drawing: Drawing) -> Figure:
     what = "residual" if fitted else "bias"
     caption = said(
         "axes", what=said("residual", model=drawing.name) if fitted else said("bias"), over={"label": x.title},
-        run=drawing.of.id, values=span(y), range=span(x.values), interval={"number": DEFAULT_INTERVAL_S, "digits": 2},
+        run=drawing.of.id, values=span(y), range=span(x.values), interval={"number": data.interval_s, "digits": 2},
     )  # fmt: skip
     plot = over_axis(data, x, y, finite(floor_dph), fitted)
     table = columns({"time [s]": data.time, x.title: x.values, f"{what} [deg/h]": y})
