@@ -166,6 +166,13 @@ def test_a_name_on_its_bound_gives_way_to_a_formula_that_is_as_good():
     assert tau_s == pytest.approx(1200.0, rel=0.1)
 
 
+def test_an_output_that_stands_still_is_not_diagnosed():
+    data = run(np.zeros(SECONDS), 0)
+    stuck = replace(data, channels={**data.channels, "rate": np.full(len(data), 3.25)})
+    with pytest.raises(InputError, match=r"rate is 3\.25 deg/h in every row"):
+        diagnose([stuck], SPLINE, workers=1)
+
+
 def test_channels_that_a_run_lacks_are_named():
     data = run(np.zeros(SECONDS), 0)
     for channels, words in (

@@ -115,6 +115,7 @@ class _Case:
             notes.append(f"the model is meant for '{model.rows}' rows; for the diagnosis it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
+        _refuse_stuck(runs)
         fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
         kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in fit.residuals]
@@ -301,6 +302,15 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
+
+
+def _refuse_stuck(runs: Sequence[Dataset]) -> None:
+    """InputError where the rate is the same in every row."""
+    rates = np.concatenate([run.channel("rate") for run in runs])
+    known = rates[np.isfinite(rates)]
+    if known.size and np.ptp(known) == 0.0:
+        text = f"rate is {known[0]:.6g} deg/h in every row: no gyro is so quiet"
+        raise InputError(f"{text}; is it the right column, and did the unit still measure?")
 
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
