@@ -68,6 +68,21 @@ def test_a_unit_behind_an_underscore_is_read(tmp_path, header, channel, value):
     np.testing.assert_allclose(plan.channels[channel], value)
 
 
+@pytest.mark.parametrize("words", [("ON", "off"), ("True", "False"), ("yes", "no")])
+def test_words_of_a_switch_are_one_and_nought(tmp_path, words):
+    on, off = words
+    rows = f"0,1,20,{on}\n1,1,21,{off}\n2,1,22,\n3,1,23,{on}\n"
+    plan = imported(write(tmp_path, f"time,rate [deg/h],temp [degC],compressor\n{rows}"))
+    np.testing.assert_array_equal(plan.channels["compressor"], [1, 0, np.nan, 1])
+    assert any("read as 1 and 0" in warning for warning in plan.warnings)
+
+
+def test_a_channel_with_its_unit_in_the_header_is_that_channel(tmp_path):
+    plan = imported(write(tmp_path, "time_s,rate_dph,temperature_1_C,Temperature_2_K\n0,1,20,293.15\n1,1,21,294.15\n"))
+    np.testing.assert_allclose(plan.channels["temperature_2"], [20, 21])
+    np.testing.assert_allclose(plan.channels["temperature_1"], [20, 21])
+
+
 def test_a_quantity_that_no_channel_is_is_taken_where_the_map_names_it(tmp_path):
     path = write(tmp_path, "time,rate [deg/h],temp [degC],vibration_g,phase_A\n0,1,20,0.1,2\n1,1,21,0.2,3\n")
     plan = imported(path)

@@ -104,6 +104,24 @@ def test_a_quantity_of_a_table_that_no_channel_is_explains_a_run(quiet):
 
 
 @pytest.mark.slow
+def test_the_gap_of_two_thermometers_of_a_unit_takes_the_place_of_several_effects(quiet):
+    """A second thermometer is nearer to the air; the catalogue knows only what the first one feels."""
+    run, still = quiet
+    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+
+    def with_case(record):
+        own = record.channel("temperature")
+        case = own + np.interp(record.time, record.time + 120.0, 4.0 * record.dT_dt)  # degC/min for a few minutes
+        rate = record.channels["rate"] + 0.12 * (case - own)
+        return replace(record, channels={**record.channels, "temperature_2": case, "rate": rate})
+
+    answer = diagnose([with_case(run)], MODEL, check=[with_case(check)], static=still)
+    assert answer.formulas, answer.sentence
+    assert answer.formulas[0].formula == "k * (temperature_2 - temperature)"
+    assert answer.formulas[0].amplitudes[0][1] == pytest.approx(0.12, abs=0.01)
+
+
+@pytest.mark.slow
 def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
     run, still = quiet
     wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)

@@ -271,7 +271,7 @@ def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for name in (*table.columns, *table.unread):
         word, unit = split_header(name, table.units.get(name))
-        channel = name if name in IMPORTED else _BY_WORD.get(_word(word))
+        channel = next((each for each in (name, word.lower()) if each in IMPORTED), _BY_WORD.get(_word(word)))
         if channel == "time" and unit is not None and _measures(unit, "temperature"):
             channel = "temperature"  # T in degC is no time
         if channel in INSTRUMENTS and channel not in _UNITLESS and (unit is None or not _measures(unit, channel)):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 GAPS = ("", "nan", "na", "n/a", "null", "none", "-nan", "#n/a", "#nv", "-", "--", "---")
 """What stands where there is no value, in small letters."""
+_ON, _OFF = ("on", "true", "yes"), ("off", "false", "no")
 _SHOWN = 60
 """Characters of a value in a message."""
 _COMMA = r"[+-]?\d+(,\d+)?([eE][+-]?\d+)?"
@@ -59,6 +60,11 @@ def numbers(name: str, column: Any) -> Column:
     if pc.all(whole).as_py():
         points = pc.replace_substring(texts, ",", ".")
         return Column(points.cast(pa.float64()).to_numpy(), note="its decimal commas were read as points")
+    lower = pc.utf8_lower(texts)
+    on = pc.is_in(lower, pa.array(_ON))
+    if pc.all(pc.or_(on, pc.is_in(lower, pa.array((None, *_OFF))))).as_py():
+        switched = pc.if_else(pc.is_null(texts), None, on.cast(pa.float64()))
+        return Column(switched.to_numpy(), note=f"'{name}' was read as 1 and 0 (on and off)")
     return _times(name, texts.to_pandas()) or _no_numbers(name, texts.to_pylist())
 
 

@@ -130,7 +130,11 @@ class Describer:
         plain = self._ranked(layout, found, borne)
         named, named_borne = self._named(layout, explained, borne)
         best = plain[0] if plain and plain[0].total > named + TIE else None
-        if best and (best.borne > named_borne + TIE or self._says_more(best.one, explained.layout)):
+        if best and (
+            best.borne > named_borne + TIE
+            or _of_another_channel(best.one, explained)
+            or self._says_more(best.one, explained.layout)
+        ):
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
         stuck = any(step.on_bound for step in explained.steps)
@@ -253,6 +257,15 @@ class Describer:
             contribution=layout.rows.scatter(contribution),
             residuals=scored.residuals,
         )
+
+
+def _of_another_channel(one: FoundFormula, explained: Explanation) -> bool:
+    """Whether a formula rests on a channel that none of the effects found has: no other way to write them.
+
+    The air is not such a channel: its gap to the unit goes with dT/dt.
+    """
+    known = {"temperature", "chamber_temperature"}.union(*(step.effect.needs for step in explained.steps))
+    return not known.issuperset(one.effect.needs)
 
 
 def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Proof:

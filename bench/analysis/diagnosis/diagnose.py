@@ -22,6 +22,7 @@ from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.probes import despike
+from bench.analysis.diagnosis.ranges import Ranges
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.sisters import sister_records
@@ -247,19 +248,21 @@ class _Case:
     def _formulas(
         self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool
     ) -> tuple[tuple[DescribedFormula, ...], bool]:
-        """What the catalogue does not hold, searched where its effects do not bring the error down to the noise.
+        """What the catalogue does not hold, searched where its effects do not bring the error down to the noise, where
+        it takes several of them, or where a channel moves that none of them rests on: one formula may do.
 
         Only what unseen data bear, or do not judge; and whether the best explains more than the effects found.
         """
-        if (
-            explained.word == "missing_effect"
-            and proved
-            and improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
-        ):
+        small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
+        enough = explained.word == "missing_effect" and proved and small
+        seen = Ranges(self.layout.seen, self.layout.rows.masks)
+        if enough and len(explained.steps) < 2 and not seen.uncatalogued:
             return (), False
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
         found = describer.describe(self.layout, explained)
+        if enough and not found.replaces:
+            return (), False
         kept = tuple(one for one in found.formulas if one.proof.falls is not False or one.borne > TIE)
         return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 

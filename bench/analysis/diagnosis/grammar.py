@@ -103,18 +103,21 @@ class Grammar:
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
             loop("temperature", self.ranges.temperature, "degC"),
         ]
-        if self.ranges.gap:
-            gap, words, most = "(chamber_temperature - temperature)", "the gap between air and unit", self.ranges.widest
-            blocks += [
-                Block(gap, words, "degC", most=most),
-                replace(lagged(gap, words, "degC", self.ranges.length_s, every=2), most=most),
-            ]
+        for name in self.ranges.apart:
+            gap, most = self._gap(name), self.ranges.widest(name)
+            memory = lagged(gap.text, gap.words, "degC", self.ranges.length_s, every=2)
+            blocks += [replace(gap, most=most), replace(memory, most=most)]
         for name in self.ranges.moved:
             blocks += self._channel(name)
         blocks += self._resonances()
         for name in self.ranges.switched:
             blocks += [Block(name, f"the {name}", ""), lagged(name, f"the {name}", "", self.ranges.length_s, every=2)]
         return [replace(block, drives=True) for block in blocks]
+
+    @staticmethod
+    def _gap(name: str) -> Block:
+        what = "air" if name == "chamber_temperature" else name
+        return Block(f"({name} - temperature)", f"the gap between {what} and unit", "degC")
 
     def _resonances(self) -> list[Block]:
         """A mode that the frequency meets: its size and its phase over the distance from it."""
@@ -230,8 +233,7 @@ class Grammar:
             Block("(1 - direction)", "cooling", ""),
             Block("time", "time", "s"),
         ]  # fmt: skip
-        if self.ranges.gap:
-            blocks.append(Block("(chamber_temperature - temperature)", "the gap between air and unit", "degC"))
+        blocks += map(self._gap, self.ranges.apart)
         for name in self.ranges.moved:
             low, high = self.ranges.of(name)
             blocks.append(self._centred(name))

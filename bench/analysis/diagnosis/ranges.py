@@ -8,13 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.blocks import Bounds
-from bench.base import INSTRUMENTS, OTHERS, BoolArray, FloatArray
+from bench.base import INSTRUMENTS, OTHERS, THERMOMETERS, BoolArray, FloatArray
 from bench.record import Dataset
 
 _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
             *(name for name in INSTRUMENTS[1:] if "temperature" not in name), *OTHERS)  # fmt: skip
 """Not thermometers: each would be a look-alike of the unit's own."""
+_UNCATALOGUED = {*INSTRUMENTS[1:], *OTHERS}
 _SWITCHED = ("compressor",)
+_THERMOMETERS = (*THERMOMETERS[1:], *(name for name in INSTRUMENTS if "temperature" in name))
+_LEAST_APART = 0.01  # of the range of temperature
 
 
 class Ranges:
@@ -27,17 +30,22 @@ class Ranges:
         self.moved = tuple(name for name in _FURTHER if self._moves(name))
         self.switched = tuple(name for name in _SWITCHED if self._moves(name))
         self.gap = self._moves("chamber_temperature")
+        self.apart = (*(["chamber_temperature"] if self.gap else []), *filter(self._differs, _THERMOMETERS))
         self.length_s = max(float(np.ptp(record.time)) for record in records)
+
+    @property
+    def uncatalogued(self) -> bool:
+        """Whether a channel moves that no effect of the catalogue rests on."""
+        return not {"chamber_temperature"}.issuperset(self.apart) or not _UNCATALOGUED.isdisjoint(self.moved)
 
     @cached_property
     def fastest(self) -> float:
         """The largest |dT/dt| [degC/min]."""
         return max(float(np.nanmax(np.abs(part))) for part in self._parts(lambda record: record.dT_dt))
 
-    @cached_property
-    def widest(self) -> float:
-        """The largest gap between air and unit [degC]."""
-        gaps = self._parts(lambda record: record.channels["chamber_temperature"] - record.channel("temperature"))
+    def widest(self, name: str = "chamber_temperature") -> float:
+        """The largest gap between another thermometer, that of the air by default, and the unit's [degC]."""
+        gaps = self._parts(lambda record: record.channels[name] - record.channel("temperature"))
         return max(float(np.max(np.abs(part))) for part in gaps)
 
     def of(self, name: str) -> Bounds:
@@ -52,6 +60,14 @@ class Ranges:
     def _parts(self, values: Callable[[Dataset], FloatArray]) -> list[FloatArray]:
         """Values of each record at the rows that are searched."""
         return [values(record)[mask] for record, mask in zip(self._records, self._masks, strict=True)]
+
+    def _differs(self, name: str) -> bool:
+        """Whether a thermometer moves otherwise than the unit's."""
+        if not self._moves(name):
+            return False
+        gap = self.values(name) - self.values("temperature")
+        low, high = self.temperature
+        return bool(np.ptp(gap) > _LEAST_APART * (high - low))
 
     def _moves(self, name: str) -> bool:
         if not all(name in record.channels for record in self._records):

@@ -109,7 +109,7 @@ def _relaxing(ranges: Ranges) -> list[Block]:
 
 def _hinge(ranges: Ranges) -> Block:
     """What the gap between air and unit drags along with play."""
-    wide = 2.0 * ranges.widest
+    wide = 2.0 * ranges.widest()
     words = "what the gap between air and unit drags along with play"
     bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
     return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
