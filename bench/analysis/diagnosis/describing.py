@@ -16,6 +16,7 @@ from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, tog
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import Proof, prove
+from bench.analysis.diagnosis.ranges import UNCATALOGUED
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
@@ -132,7 +133,7 @@ class Describer:
         best = plain[0] if plain and plain[0].total > named + TIE else None
         if best and (
             best.borne > named_borne + TIE
-            or _of_another_channel(best.one, explained)
+            or not UNCATALOGUED.isdisjoint(best.one.effect.needs)
             or self._says_more(best.one, explained.layout)
         ):
             return Description(self._answer(layout, plain, borne), replaces=True)
@@ -257,15 +258,6 @@ class Describer:
             contribution=layout.rows.scatter(contribution),
             residuals=scored.residuals,
         )
-
-
-def _of_another_channel(one: FoundFormula, explained: Explanation) -> bool:
-    """Whether a formula rests on a channel that none of the effects found has: no other way to write them.
-
-    The air is not such a channel: its gap to the unit goes with dT/dt.
-    """
-    known = {"temperature", "chamber_temperature"}.union(*(step.effect.needs for step in explained.steps))
-    return not known.issuperset(one.effect.needs)
 
 
 def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Proof:

@@ -14,9 +14,10 @@ from bench.record import Dataset
 _FURTHER = ("frequency", "drive", "quadrature", "supply", "applied_rate",
             *(name for name in INSTRUMENTS[1:] if "temperature" not in name), *OTHERS)  # fmt: skip
 """Not thermometers: each would be a look-alike of the unit's own."""
-_UNCATALOGUED = {*INSTRUMENTS[1:], *OTHERS}
 _SWITCHED = ("compressor",)
 _THERMOMETERS = (*THERMOMETERS[1:], *(name for name in INSTRUMENTS if "temperature" in name))
+UNCATALOGUED = frozenset({*THERMOMETERS[1:], *INSTRUMENTS[1:], *OTHERS})
+"""Channels that no effect of the catalogue rests on."""
 _LEAST_APART = 0.01  # of the range of temperature
 
 
@@ -36,7 +37,7 @@ class Ranges:
     @property
     def uncatalogued(self) -> bool:
         """Whether a channel moves that no effect of the catalogue rests on."""
-        return not {"chamber_temperature"}.issuperset(self.apart) or not _UNCATALOGUED.isdisjoint(self.moved)
+        return not UNCATALOGUED.isdisjoint((*self.apart, *self.moved))
 
     @cached_property
     def fastest(self) -> float:
