@@ -83,6 +83,15 @@ def test_a_channel_with_its_unit_in_the_header_is_that_channel(tmp_path):
     np.testing.assert_allclose(plan.channels["temperature_1"], [20, 21])
 
 
+@pytest.mark.parametrize("header", ["imu_temp_degC", "Die temp [degC]", "T_temp_sensor"])
+def test_the_only_column_that_may_be_a_thermometer_is_the_units(tmp_path, header):
+    rows = "".join(f"{i},1,2{i},30\n" for i in range(3))
+    plan = imported(write(tmp_path, f"time_s,rate_dph,{header},chamber_temp\n{rows}"))
+    assert plan.channels["temperature"].tolist() == [20, 21, 22]
+    both = write(tmp_path, f"time_s,rate_dph,{header},case_temp\n{rows}")
+    assert "no column is temperature" in refusal(both)
+
+
 def test_a_quantity_that_no_channel_is_is_taken_where_the_map_names_it(tmp_path):
     path = write(tmp_path, "time,rate [deg/h],temp [degC],vibration_g,phase_A\n0,1,20,0.1,2\n1,1,21,0.2,3\n")
     plan = imported(path)

@@ -278,6 +278,10 @@ def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
             continue  # a pressure in no unit, or a current in mV: of something else
         if channel is not None and name not in taken:
             found.setdefault(channel, []).append(name)
+    if not {*THERMOMETERS} & {*found}:
+        known = {name for names in found.values() for name in names} | taken
+        warm = [name for name in table.columns if "temp" in name.lower() and name not in known]
+        found |= {"temperature": warm} if len(warm) == 1 else {}  # such as imu_temp: the only one left
     exact = {channel: [channel] for channel in found if channel in found[channel]}
     return {**found, **exact}
 
