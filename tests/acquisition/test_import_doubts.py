@@ -29,6 +29,27 @@ def test_doubtful_temperatures_are_warned_of(tmp_path):
     assert "steps of 1 degC" in doubts(tmp_path, rate, np.round(np.linspace(0, 50, 500)))[0]
 
 
+def test_an_output_that_hangs_is_warned_of_and_one_in_steps_is_not(tmp_path):
+    rng, degc = np.random.default_rng(4), np.linspace(0, 50, 2000)
+    rate = rng.normal(5, 3, 2000)
+    rate[700:760] = rate[700]
+    (said,) = doubts(tmp_path, rate, degc)
+    assert "in 60 rows, one after the other, the first 701: did the unit hang?" in said
+    rate[700:760] = np.nan
+    assert doubts(tmp_path, np.nan_to_num(rate, nan=5.0) + rng.normal(0, 0.1, 2000), degc) == ()
+    slow = 5.0 + 0.02 * degc + rng.normal(0, 0.02, 2000)
+    assert not any("hang" in text for text in doubts(tmp_path, np.round(slow, 1), degc))
+
+
+def test_a_thermometer_that_failed_for_some_rows_is_no_other_unit(tmp_path):
+    rate, degc = np.random.default_rng(3).normal(5, 3, 500), np.linspace(0, 50, 500)
+    degc[100:120] = -273.0
+    (said,) = doubts(tmp_path, rate, degc)
+    assert said == (
+        "temperature is -273 degC in 20 rows, the first 101: a sensor that failed? leave these fields empty"
+    )
+
+
 def test_gaps_in_time_are_counted_and_stay_gaps(tmp_path):
     body = "".join(f"{t},{t % 3},{20 + t / 10}\n" for t in [*range(50), *range(500, 550)])
     plan = imported(write(tmp_path, "time,rate,temperature\n" + body))

@@ -16,6 +16,7 @@ from bench.web.ground.settings import Settings
 from bench.web.imports import imports
 from bench.web.imports.confined import Confines, previewed
 from bench.web.imports.uploads import safe_name
+from tests.support.waiting import until
 from tests.support.web_client import served
 
 API = "/api/v1/imports"
@@ -242,7 +243,7 @@ def test_uploads_of_the_day_before_are_swept_at_the_start(tmp_path):
     old.mkdir(parents=True)
     os.utime(old, (0, 0))
     with served(Settings(out=tmp_path)):
-        assert not old.exists()
+        until(lambda: not old.exists())
 
 
 def test_the_kinds_name_every_channel_with_its_units(client):

@@ -18,6 +18,9 @@ _COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 200.0
 _CONSTANT_DEGC = 1.0
 _COARSE_DEGC = 0.4
 _GAP_INTERVALS = 5.0
+_FEW = 0.1  # of the rows: a sensor that failed for a while, not another unit
+_HANGS, _STEPS = 30, 20.0
+"""Equal rows, and how many times what is usual, of an output that hangs; coarse steps have equal rows, too."""
 
 _DEGC = (-273.15, 1000.0)
 _POSSIBLE = {
@@ -100,7 +103,11 @@ def doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> 
     rates, warm = [name for name in RATES if name in channels], next(n for n in THERMOMETERS if n in channels)
     found = [text for name in rates for text in _of_rate(name, channels[name], mapped[name].unit)]
     degc = channels[warm][np.isfinite(channels[warm])]
-    if degc.min() < _COLDEST_DEGC or degc.max() > _HOTTEST_DEGC:
+    beyond = np.flatnonzero((channels[warm] < _COLDEST_DEGC) | (channels[warm] > _HOTTEST_DEGC))
+    if 0 < beyond.size < _FEW * degc.size:
+        text = f"temperature is {channels[warm][beyond[0]]:.4g} degC in {beyond.size} rows, the first {beyond[0] + 1}"
+        found.append(f"{text}: a sensor that failed? leave these fields empty")
+    elif beyond.size:
         text = f"temperature is {degc.min():.4g} to {degc.max():.4g} degC when read as {mapped[warm].unit}"
         found.append(f"{text}: check the unit (K, degF?)")
     if np.ptp(degc) < _CONSTANT_DEGC:
@@ -139,8 +146,22 @@ def _of_rate(name: str, values: FloatArray, given: str) -> Iterator[str]:
             f"{name} scatters by only {scatter:.2g} deg/h from sample to sample when read as {given}; read as rad/s it "
             f"would be {scatter * DPH_PER_RADPS:.2g} deg/h, as deg/s {scatter * DPH_PER_DPS:.2g} deg/h: check the unit"
         )
+    first, rows = _longest(values)
+    if rows >= _HANGS and np.ptp(rate) > 0.0:
+        yield (
+            f"{name} is {values[first]:.6g} deg/h in {rows} rows, one after the other, the first {first + 1}: did the "
+            "unit hang? leave these fields empty"
+        )
     if rate.size > 1 and np.ptp(rate) == 0.0:
         yield (
             f"{name} is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; is it the right column, and did the "
             "unit still measure?"
         )
+
+
+def _longest(values: FloatArray) -> tuple[int, int]:
+    """First row and length of the longest stretch of one value, where it is far longer than others; else 0, 0."""
+    firsts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # a gap equals nothing
+    rows = np.diff(np.append(firsts, values.size))
+    longest = int(np.argmax(rows))
+    return (int(firsts[longest]), int(rows[longest])) if rows[longest] > _STEPS * np.quantile(rows, 0.95) else (0, 0)
