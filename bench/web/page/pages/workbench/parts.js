@@ -7,9 +7,10 @@ import { html, useEffect, useState } from "../../lib/preact.js";
 import { runTitle } from "../../lib/names.js";
 export { api, duration, moment, or, runTitle, t };
 
-/** A number with a few significant digits, or a dash without one. */
+/** A number with a few significant digits, or a dash without one; no row of zeros for what is next to nothing. */
 export const number = (value, digits = 3) =>
   value === null || value === undefined || !Number.isFinite(value) ? "–"
+    : value && Math.abs(value) < 1e-6 ? value.toExponential(digits - 1).replaceAll("-", "−")
     : new Intl.NumberFormat(language.get(), {
       maximumSignificantDigits: digits, minimumSignificantDigits: Number.isInteger(value) ? 1 : digits, useGrouping: Math.abs(value) >= 1e4,
     }).format(value).replace("-", "−");
