@@ -299,11 +299,12 @@ class Dataset:
         stretch = np.cumsum(np.diff(self.segment, prepend=self.segment[:1]) != 0)
         firsts = np.flatnonzero(np.diff(stretch, prepend=-1))
         lasts = np.append(firsts[1:], len(self)) - 1
-        begin = self.time[firsts] - self.interval_s / 2
-        length = self.time[lasts] + self.interval_s / 2 - begin
+        spacing_s = self.spacing_s
+        begin = self.time[firsts] - spacing_s / 2
+        length = self.time[lasts] + spacing_s / 2 - begin
         # Rounding guards: a border that falls on a row's edge belongs to the same bin on every machine.
         bins = np.maximum(np.floor(length / interval_s + 0.5 + 1e-9), 1.0)
-        step = np.floor((self.time - self.interval_s / 2 - begin[stretch]) / (length / bins)[stretch] + 1e-9)
+        step = np.floor((self.time - spacing_s / 2 - begin[stretch]) / (length / bins)[stretch] + 1e-9)
         starts = np.flatnonzero((np.diff(stretch, prepend=-1) != 0) | (np.diff(step, prepend=-1) != 0))
         group = np.repeat(np.arange(starts.size), np.diff(np.append(starts, len(self))))
         rows = np.bincount(group)
@@ -315,7 +316,7 @@ class Dataset:
             counts={name: count for name, (_, count, _) in pooled.items()},
             variances={name: variance for name, (_, _, variance) in pooled.items()},
             segment=self.segment[starts],
-            interval_s=max(float(interval_s), self.spacing_s),
+            interval_s=max(float(interval_s), spacing_s),
             finer_step=self.temperature_step,
             finer_rate_step=self.rate_step if "rate" in self.channels else None,
             finer=Finer(self, group) if self.finer is None else self.finer.to(group),
@@ -433,7 +434,7 @@ def _powered(base: Dataset) -> BoolArray:
 def _lasting(base: Dataset, least_s: float) -> BoolArray:
     """Rows (n,) of stretches of one segment that last at least `least_s` [s]; a shorter one makes no honest mean."""
     stretch = np.cumsum(np.diff(base.segment, prepend=base.segment[:1]) != 0)
-    rows: BoolArray = (np.bincount(stretch) * base.interval_s >= least_s)[stretch]
+    rows: BoolArray = (np.bincount(stretch) * base.spacing_s >= least_s)[stretch]
     return rows
 
 

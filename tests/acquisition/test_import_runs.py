@@ -97,6 +97,16 @@ def test_logs_with_different_distances_of_rows_are_taken_in_means_of_one_length(
     assert [run.interval_s for run in usual_means([load(run, 1.0) for run in runs])] == [120.0, 120.0]
 
 
+def test_no_branch_of_a_slow_log_is_left_out(tmp_path):
+    """A branch of an hour is 30 rows, and no 30 s."""
+    time = np.arange(0.0, 12 * 3600.0, 120.0)
+    degc = 20.0 + 30.0 * np.abs((time / 3600.0) % 2.0 - 1.0)
+    body = "\n".join(f"{t:g},{t % 7},{c:.3f}" for t, c in zip(time, degc, strict=True))
+    run = write_import(imported(write(tmp_path, f"time_s,rate_dph,temp_C\n{body}\n")), tmp_path / "reports").path
+    (means,) = usual_means([load(run, 1.0)])
+    assert len(means) == len(time)
+
+
 def test_the_manifest_names_the_source_and_every_file(tmp_path):
     path = table_of_loop(tmp_path)
     run = write_import(imported(path, serial="G 7"), tmp_path / "reports")

@@ -255,8 +255,8 @@ class _Case:
         """
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         enough = explained.word == "missing_effect" and proved and small
-        seen = Ranges(self.layout.seen, self.layout.rows.masks)
-        if enough and len(explained.steps) < 2 and not seen.uncatalogued:
+        alone = enough and len(explained.steps) < 2
+        if alone and not Ranges(self.layout.seen, self.layout.rows.masks).uncatalogued:
             return (), False
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
