@@ -26,6 +26,8 @@ STILL_DEGC_PER_MIN = 0.05
 UNKNOWN_UNIT = "unknown"
 """What an imported table calls its unit where nobody said which."""
 _SLOPE_WINDOW_S = 60.0
+_SLOWEST_READING_S = 300.0
+"""A channel that is read less often than this has no known value between two readings [s]."""
 _STEADY_DPS = 0.1
 """A rate table whose rate differs by more than this from one second to the next accelerates [deg/s]."""
 
@@ -93,7 +95,7 @@ class Finer:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Channels of one run on one time base, shape (n,) each; NaN is a gap and stays one.
+    """Channels of one run on one time base, shape (n,) each; NaN is a gap.
 
     `counts` says how many samples stand behind each value, `variances` how they scatter; both may lack a channel that
     was never sampled faster (an imported table): its count is then 1 where it has a value.
@@ -236,9 +238,10 @@ class Dataset:
         """
         value = self.channel(name)
         scatter = self.variances.get(name, np.full(len(self), np.nan))
-        raw = value[np.isfinite(value) & ~(scatter > 0.0)]
+        known = np.isfinite(value)
+        raw = value[known & ~(scatter > 0.0)]
         codes = np.unique(np.round(raw, 9))
-        if raw.size < max(4, 0.1 * len(self)) or codes.size < 2 or codes.size > 0.5 * raw.size:
+        if raw.size < max(4, 0.1 * np.count_nonzero(known)) or codes.size < 2 or codes.size > 0.5 * raw.size:
             return 0.0
         step = float(np.diff(codes).min())
         multiples = np.diff(codes) / step
@@ -450,7 +453,7 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
     if manifest.orientation is not None:
         channels[EARTH] = earth_rate(manifest.orientation, time, columns.get("applied_rate"))
     segment = columns["segment"] if "segment" in columns else np.full(time.shape, -1.0)
-    return Dataset(
+    run = Dataset(
         name=manifest.run or folder.name,
         time=time,
         channels=channels,
@@ -463,3 +466,30 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
         unit="" if manifest.unit == UNKNOWN_UNIT else manifest.unit,
         output=manifest.output,
     )
+    between = {n: _between_readings(time, v) for n, v in channels.items() if n not in {*OUTPUTS, "applied_rate"}}
+    slow = {name: values for name, values in between.items() if values is not None}
+    # The steps of a thermometer are those of its readings: values between them would hide them.
+    step = run.temperature_step if "temperature" in slow else None
+    counts = {n: np.where(np.isfinite(v), np.maximum(run.count(n), 1.0), 0.0) for n, v in slow.items()}
+    return replace(run, channels={**channels, **slow}, counts={**run.counts, **counts}, finer_step=step)
+
+
+def _between_readings(time: FloatArray, values: FloatArray) -> FloatArray | None:
+    """Values (n,) with those between readings, for a channel that is read regularly but less often than its rows.
+
+    Monotone cubics (PCHIP) never leave the range of the two readings. Without them a mean would have the temperature of
+    one instant, and no slope. None where every row has its reading; a reading that fails leaves a gap.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if not 2 <= known.size < 0.9 * values.size:
+        return None
+    apart_s = np.diff(time[known])
+    usual_s = float(np.median(apart_s))
+    if not 1.5 * float(np.median(np.diff(time))) < usual_s <= _SLOWEST_READING_S:
+        return None
+    from scipy.interpolate import PchipInterpolator
+
+    before = np.clip(np.searchsorted(time[known], time, side="right") - 1, 0, known.size - 2)
+    near = (time >= time[known[0]]) & (time <= time[known[-1]]) & (apart_s[before] <= 2.5 * usual_s)
+    between = PchipInterpolator(time[known], values[known])(time)
+    return np.where(np.isfinite(values), values, np.where(near, between, np.nan))

@@ -107,6 +107,42 @@ def test_no_branch_of_a_slow_log_is_left_out(tmp_path):
     assert len(means) == len(time)
 
 
+def warmed(tmp_path, rows, *, step=0.001, failed=()):
+    """Means of 30 s of a log with a row a second whose thermometer reads in `rows`; a bath heats with two time
+    constants of 20 minutes.
+    """
+    time = np.arange(0.0, 3 * 3600.0)
+    degc = 80.0 - 100.0 * (1.0 + time / 1200.0) * np.exp(-time / 1200.0)
+    read = step * np.round(degc / step)
+    cells = [f"{c:.3f}" if n in rows and n not in failed else "" for n, c in enumerate(read)]
+    body = "\n".join(f"{t:g},{c:.6f},{cell}" for t, c, cell in zip(time, degc, cells, strict=True))
+    path = write(tmp_path, f"time_s,rate_dph,temp_C\n{body}\n")
+    return load(write_import(imported(path), tmp_path / "reports").path)
+
+
+@pytest.mark.parametrize(("every_s", "within_degc"), [(60, 0.02), (300, 0.25)])
+def test_a_thermometer_that_is_read_rarely_is_known_between_its_readings(tmp_path, every_s, within_degc):
+    """The rate of this log is its temperature: both means must be of the same time."""
+    means = warmed(tmp_path, range(0, 10801, every_s))
+    inside = means.time < 10800 - every_s - 30
+    assert len(means) == 360
+    np.testing.assert_allclose(means.channel("temperature")[inside], means.channel("rate")[inside], atol=within_degc)
+    assert np.isfinite(means.dT_dt[inside]).all()
+
+
+def test_readings_that_fail_leave_a_gap_and_steps_of_a_slow_thermometer_are_found(tmp_path):
+    means = warmed(tmp_path, range(0, 10801, 10), step=0.5, failed=range(3600, 5400))
+    gap = (means.time > 3600) & (means.time < 5370)
+    assert np.isnan(means.channel("temperature")[gap]).all()
+    assert np.isfinite(means.channel("temperature")[~gap]).mean() > 0.98
+    assert means.temperature_step == pytest.approx(0.5)
+
+
+def test_a_thermometer_that_is_read_every_ten_minutes_is_not_known_between(tmp_path):
+    means = warmed(tmp_path, range(0, 10801, 600))
+    assert np.isfinite(means.channel("temperature")).sum() == 18
+
+
 def test_the_manifest_names_the_source_and_every_file(tmp_path):
     path = table_of_loop(tmp_path)
     run = write_import(imported(path, serial="G 7"), tmp_path / "reports")
