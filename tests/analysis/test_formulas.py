@@ -122,6 +122,25 @@ def test_the_gap_of_two_thermometers_of_a_unit_takes_the_place_of_several_effect
 
 
 @pytest.mark.slow
+def test_a_name_does_not_hide_a_formula_where_the_soaks_have_a_part_of_what_is_missing(quiet):
+    """The floor that is read from them is then far above what the name leaves, and proves nothing."""
+    run, _ = quiet
+    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+
+    def switched(record):
+        on = (np.mod(record.time, 660.0) < 300.0).astype(float)
+        place = np.exp(-(((record.channel("temperature") - 30.0) / 30.0) ** 2))
+        rate = record.channels["rate"] + 0.5 * on * place
+        return replace(record, channels={**record.channels, "compressor": on, "rate": rate})
+
+    answer = diagnose([switched(run)], MODEL, check=[switched(check)])
+    assert answer.formulas, answer.sentence
+    assert answer.formulas[0].proof.proved
+    assert "compressor" in answer.formulas[0].formula
+    assert answer.formulas[0].held_out_rms_dph < 0.9 * answer.found[0].held_out_rms_dph
+
+
+@pytest.mark.slow
 def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
     run, still = quiet
     wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)

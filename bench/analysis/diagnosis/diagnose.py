@@ -249,12 +249,14 @@ class _Case:
         self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool
     ) -> tuple[tuple[DescribedFormula, ...], bool]:
         """What the catalogue does not hold, searched where its effects do not bring the error down to the noise, where
-        it takes several of them, or where a channel moves that none of them rests on: one formula may do.
+        the noise is not known well enough to tell, where it takes several of them, or where a channel moves that none
+        of them rests on: one formula may do.
 
         Only what unseen data bear, or do not judge; and whether the best explains more than the effects found.
         """
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
-        enough = explained.word == "missing_effect" and proved and small
+        known = not bound_only(describer.floor_dph, improved.rms_dph)
+        enough = explained.word == "missing_effect" and proved and small and known
         alone = enough and len(explained.steps) < 2
         if alone and not Ranges(self.layout.seen, self.layout.rows.masks).uncatalogued:
             return (), False
