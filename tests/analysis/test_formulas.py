@@ -141,6 +141,28 @@ def test_a_name_does_not_hide_a_formula_where_the_soaks_have_a_part_of_what_is_m
 
 
 @pytest.mark.slow
+def test_a_part_that_snaps_over_at_two_temperatures_is_found_where_its_jumps_are(quiet):
+    """In quiet data no place of a grid is near enough to a sharp jump for it to be seen."""
+    run, still = quiet
+    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+
+    def snapped(record):
+        state, states = 1.0, []
+        for degc in record.channel("temperature"):
+            state = 1.0 if degc > 21.7 else 0.0 if degc < 6.3 else state
+            states.append(state)
+        rate = record.channels["rate"] + 0.8 * np.array(states)
+        return replace(record, channels={**record.channels, "rate": rate})
+
+    answer = diagnose([snapped(run)], MODEL, check=[snapped(check)], static=still)
+    assert answer.formulas, answer.sentence
+    assert answer.formulas[0].formula.startswith("k * latch(temperature, ")
+    centre, width = map(float, re.findall(r"([\d.]+) \+ ([\d.]+)", answer.formulas[0].formula)[0])
+    assert [centre, width] == pytest.approx([14.0, 7.7], abs=0.6)
+    assert answer.formulas[0].held_out_rms_dph < 1.15 * answer.floor_dph
+
+
+@pytest.mark.slow
 def test_what_is_found_is_added_as_it_is_written(quiet, tmp_path):
     run, still = quiet
     wave = 0.4 * np.sin(2.0 * np.pi * run.channel("temperature") / 9.3 + 1.0)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from functools import lru_cache, partial, reduce
 
 import numpy as np
+import scipy
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
 from bench.analysis.diagnosis.candidates import Candidate, Theta, outside
@@ -39,6 +40,9 @@ _SHARING = 3  # leaders that may have the same block
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
 _PEAKS = 6  # of the periodogram
+_JUMPS = 4  # of each direction
+_MOST_STEPS = 1000  # that are tried in one run
+_APART = 5  # rows between two of them
 _PADDED = 4  # times its length: a peak lies between the frequencies of a discrete transform
 
 
@@ -72,6 +76,7 @@ class FormulaSearch:
         Where none has more than the `least` evidence, what chance reaches is not simulated: it only takes from them.
         """
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
+        singles += self.grammar.snaps(*self._jumps())
         pairs = self.grammar.pairs()
         first = self._first
         beside = [] if first is None else list(self.grammar.beside(first.formula, first.theta))
@@ -239,6 +244,33 @@ class FormulaSearch:
             if rough[scan.which == index].max() > one.evidence - _NEAR
         ]
         return sorted(found, key=lambda each: -each.evidence)
+
+    def _jumps(self) -> tuple[list[float], list[float]]:
+        """Temperatures [degC] of the largest jumps of the residual while it is heated, and while it is cooled.
+
+        Beside noise that walks a jump is seen at its very row only, which no grid of temperatures meets. Jumps may be
+        what makes the noise walk: they are looked for in less of it, too.
+        """
+        found: tuple[list[float], list[float]] = [], []
+        temperature, slope = self._layout.temperature, self._layout.slope
+        for point in dict.fromkeys((self._best, (min(self._best[0], 0), min(self._best[1], 0)))):
+            left = [_JUMPS, _JUMPS]
+            for row in self._steps(point):
+                cooled = int(slope[row] <= 0.0)
+                left[cooled] -= 1
+                if left[cooled] >= 0:
+                    found[cooled].append(0.5 * float(temperature[row - 1] + temperature[row]))
+        return found
+
+    def _steps(self, point: Point) -> list[int]:
+        """Rows at which a step explains more of the residual than at those near it, the largest first."""
+        at, rows = self._refiner.at(point), len(self._layout.problem.y)
+        first = np.arange(1, rows, max(1, rows // _MOST_STEPS))
+        steps = (np.arange(rows)[:, None] >= first).astype(np.float64)
+        white = outside(at.basis, self._lattice.at([point])[0][0].apply(steps))
+        gain = (at.residual @ white) ** 2 / np.maximum(np.sum(white**2, axis=0), 1e-12)
+        near = scipy.ndimage.maximum_filter1d(gain, 2 * _APART + 1)
+        return [int(first[i]) for i in np.argsort(-gain) if gain[i] == near[i]]
 
     def _periods(self) -> list[float]:
         """Periods [s] of the largest lines of the whitened residual, between the frequencies of the transform."""

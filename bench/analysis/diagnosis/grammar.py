@@ -16,7 +16,7 @@ import numpy as np
 from bench.analysis.diagnosis.blocks import Block, Formula, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.diagnosis.ranges import Ranges, inner
-from bench.analysis.diagnosis.states import states
+from bench.analysis.diagnosis.states import latch, states
 from bench.base import BoolArray
 from bench.record import Dataset
 
@@ -205,6 +205,11 @@ class Grammar:
         bounds = (("period_s", (0.8 * min(periods_s), 1.25 * max(periods_s))),)
         block = Block("sin(2*pi*time/{period_s})", "a sine over time", "", bounds, tuple((p,) for p in periods_s))
         return Formula((block,), pair=True)
+
+    def snaps(self, heated: Sequence[float], cooled: Sequence[float]) -> list[Formula]:
+        """What snaps over above one of these temperatures, and back below one of the others [degC]."""
+        grid = tuple((0.5 * (up + down), 0.5 * (up - down)) for up in heated for down in cooled if up > down)
+        return [Formula((replace(latch(self.ranges), grid=grid),))] if grid else []
 
     def modifiers(self) -> list[Block]:
         """What may scale a driver: temperature, windows and steps in it, every channel, the direction, time."""

@@ -16,15 +16,15 @@ def states(ranges: Ranges) -> list[Block]:
     """What acts by itself and is scaled by nothing: starts, exposure that adds up, what is fast of a channel."""
     length_s, (low, high) = ranges.length_s, ranges.temperature
     rates = tuple((f, h) for f in (0.02, 0.05, 0.1) for h in (0.05, 0.2, 0.8))
-    latch = _latch(ranges)
+    snap = latch(ranges)
     blocks = [
         Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
         Block("total((temperature - {centre}) + abs(temperature - {centre}))", "time spent above a temperature",
               "degC h", (("centre", (low, high)),), inner(low, high, 9), places=1),
-        latch,
-        replace(latch, text=f"lag({latch.text}, {{tau_s}})", words=f"the memory of {latch.words}",
-                bounds=(*latch.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
-                grid=tuple((*one, tau) for one in latch.grid for tau in (200.0, 800.0))),
+        snap,
+        replace(snap, text=f"lag({snap.text}, {{tau_s}})", words=f"the memory of {snap.words}",
+                bounds=(*snap.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
+                grid=tuple((*one, tau) for one in snap.grid for tau in (200.0, 800.0))),
         Block("highest(temperature)", "the highest temperature so far", "degC"),
         Block("lowest(temperature)", "the lowest temperature so far", "degC"),
         Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
@@ -63,7 +63,7 @@ def states(ranges: Ranges) -> list[Block]:
     return blocks
 
 
-def _latch(ranges: Ranges) -> Block:
+def latch(ranges: Ranges) -> Block:
     """What snaps over above one temperature, and back below a lower one."""
     low, high = ranges.temperature
     span = high - low
