@@ -208,6 +208,17 @@ def test_a_formula_that_writes_an_effect_found_in_a_shorter_way_does_not_take_it
 
 
 @pytest.mark.slow
+def test_a_sine_over_temperature_that_turns_with_its_rate_of_change_is_found(quiet):
+    """Heating and cooling alike leave nothing of the sine alone."""
+    run, still = quiet
+    wave = 0.3 * np.sin(2.0 * np.pi * run.channel("temperature") / 13.0) * run.dT_dt
+    waved = replace(run, channels={**run.channels, "rate": run.channels["rate"] + wave})
+    case = _Case.of((waved,), MODEL, still, [effects.make("temperature_rate")], None)
+    found = Describer(case.lattice, (), case.floor_dph)._search(case.layout, (0, 0))
+    assert re.match(r"k \* sin\(2\*pi\*temperature/1[23]\.\d+\) \* dT_dt", found[0].text), found[0].text
+
+
+@pytest.mark.slow
 def test_noise_gives_no_formula(quiet):
     run, still = quiet
     answer = diagnose([run], MODEL, static=still)

@@ -39,7 +39,10 @@ class Grammar:
         bent = [bent for block in drivers for bent in block.bent()]
         bent += [block.squared() for block in drivers if block.most and block.bounds]
         alone = [Formula((block,)) for block in (*drivers, *bent, *states(self.ranges), *self.bends())]
-        return [*alone, *(Formula((block,), pair=True) for block in self.lines())]
+        lines = [Formula((block,), pair=True) for block in self.lines()]
+        # Up and down the same way its rate of change leaves nothing of the sine alone, which could grow to it.
+        changing = replace(lines[0], blocks=(*lines[0].blocks, Block("dT_dt", "dT/dt", "degC/min")))
+        return [*alone, *lines, changing]
 
     def pairs(self) -> list[Formula]:
         """Products of a block that drives with one that modifies it, or with an amplitude that changes."""
