@@ -169,7 +169,7 @@ class Describer:
                 leaders.append(each)
             elif each.one.formula != leaders[near].one.formula:
                 leaders[near] = replace(leaders[near], alike=(*leaders[near].alike, each.one.text))
-        return leaders
+        return _judged(leaders)
 
     def _answer(
         self, layout: Layout, ranked: Sequence[_Ranked], borne: Borne, names: tuple[str, ...] = ()
@@ -220,7 +220,7 @@ class Describer:
     def _listed(
         self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()
     ) -> tuple[DescribedFormula, ...]:
-        tied = [each.one.text for each in ranked[1:] if each.total >= ranked[0].total - TIE]
+        tied = [each.one.text for each in ranked[1:] if abs(each.total - ranked[0].total) <= TIE]
         listed = []
         for rank, each in enumerate(ranked[:_MOST]):
             equivalent = tuple(dict.fromkeys([*(tied if rank == 0 else []), *each.alike]))
@@ -258,6 +258,19 @@ class Describer:
             contribution=layout.rows.scatter(contribution),
             residuals=scored.residuals,
         )
+
+
+def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
+    """The same, with the one first that check runs prove against all others: more evidence of the fitted runs may be
+    that of what happened in them alone.
+    """
+    if not ranked or ranked[0].scored.left.by != "check":
+        return ranked
+    best = ranked[0]
+    for each in ranked[1:]:
+        if each.borne > best.borne + TIE and prove(best.scored.left, each.scored.left).falls:
+            best = each
+    return [best, *(each for each in ranked if each is not best)]
 
 
 def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Proof:

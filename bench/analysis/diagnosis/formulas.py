@@ -101,7 +101,7 @@ class FormulaSearch:
         found = shared(tasks, self._workers)
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
-            found += self._grown(one, len(pairs))
+            found += self._grown(one, sizes[min(len(one.formula.blocks), len(sizes)) - 1])
         # What chance reaches beyond the usual threshold is paid for, too.
         found.sort(key=lambda one: -one.evidence)
         chance = self._chance(library, points, paid) if found and found[0].evidence > least else 0.0
@@ -217,26 +217,30 @@ class FormulaSearch:
         return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
-        """The formula with a block or a parameter more, and again, while that pays."""
+        """The formula with a block or a parameter more, and again, while that pays; of its size `tried` were tried."""
         found: list[FoundFormula] = []
         for _ in range(_STEPS):
-            better = self._longer(one, tried)
+            longer = list(self.grammar.grown(one.formula, one.theta))
+            # All that this one could have become, of all that could have been this one; the order of blocks is none.
+            tried = tried * len(longer) // (len(one.formula.blocks) + 1)
+            better = self._longer(one, longer, tried)
             if not better or better[0].evidence <= one.evidence:
                 break
             found += better
             one = better[0]
         return found
 
-    def _longer(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
+    def _longer(
+        self, one: FoundFormula, longer: Sequence[tuple[Formula, tuple[Theta, ...]]], tried: int
+    ) -> list[FoundFormula]:
         """The most promising of what the formula becomes in one step, refined, best first."""
-        longer = list(self.grammar.grown(one.formula, one.theta))
         if not longer:
             return []
         candidates = self._tried(longer)
         library = Library(self._layout.problem, candidates)
         points = [one.point, self._best]
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
-        price = self._price(tried * len(longer) // 3)
+        price = self._price(tried)
         rough = self._surface.height(self._best) - scan.values[:, 0] - library.paid(candidates) - price
         found = [
             self._refined(longer[index][0], candidates[index], scan.starts(index, points), price)

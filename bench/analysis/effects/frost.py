@@ -28,7 +28,7 @@ class Frost(Effect):
     name = "frost"
     needs = ("temperature",)
     parameters = (
-        Parameter("at_degc", "degC", -10.0, 10.0, 1.0, meaning="middle of the bump"),
+        Parameter("at_degc", "degC", -10.0, 15.0, 1.0, meaning="middle of the bump"),
         Parameter("width_degc", "degC", 1.0, 10.0, 3.0, log=True, meaning="half-width of the bump"),
     )
     amplitudes = (("a", "deg/h"),)
