@@ -99,6 +99,17 @@ export function number(value, decimals) {
   return text.replace(MINUS, "−").replace(/^-/, "");
 }
 
+/** A measured value to significant digits, with a real minus sign; a dash when there is none. */
+export function sig(value, digits = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  const power = size ? Math.floor(Math.log10(size)) : 0;
+  const far = power < -4 || power >= 6;
+  const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1 };
+  const text = formatter(format).format(far ? value / 10 ** power : value).replace(/^-/, "−");
+  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
+}
+
 /** A temperature with its unit. */
 export const degrees = (value, decimals = 1) => `${number(value, decimals)}\u00a0°C`;
 

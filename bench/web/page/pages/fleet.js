@@ -5,9 +5,9 @@ import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { limitsName, planTitle, stationName } from "../lib/names.js";
-import { effectWord, number, quantityWord, symbols, t } from "../lib/words.js";
+import { effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { day, NoRegistry, sig, Tile, useGet } from "./stock/parts.js";
+import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
 const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [", ", item] : [item])).concat(items.length > most ? [` ${t("fleet.more", { n: items.length - most })}`] : []);

@@ -4,9 +4,9 @@ import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, TextField, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { channelWord, duration, number, symbols, t } from "../lib/words.js";
+import { channelWord, duration, number, sig, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { sig, useGet } from "./stock/parts.js";
+import { useGet } from "./stock/parts.js";
 
 const CAN_LOGS = /\.(blf|asc|log|trc)$/i;
 const UNIT = /^[A-Za-z0-9_+][A-Za-z0-9._+-]*$/;

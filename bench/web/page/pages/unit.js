@@ -3,10 +3,10 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
-import { duration, effectWord, moment, number, quantityWord, symbols, t } from "../lib/words.js";
+import { duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
-import { day, Outcome, sig, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
+import { day, Outcome, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
 const RAIL = [-60, 120];
 const STATUS_TONES = { in_unit: "good", newest: "link", superseded: "idle", not_passed: "bad" };

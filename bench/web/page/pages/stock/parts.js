@@ -32,17 +32,6 @@ export function useGet(path) {
   return { ...state, again };
 }
 
-/** A measured value to significant digits, with a real minus sign; a dash when there is none. */
-export function sig(value, digits = 3) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  const size = Math.abs(value);
-  const power = size ? Math.floor(Math.log10(size)) : 0;
-  const far = power < -4 || power >= 6;
-  const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1 };
-  const text = new Intl.NumberFormat(language.get(), format).format(far ? value / 10 ** power : value).replace(/^-/, "−");
-  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
-}
-
 /** A day (ISO 8601) in this language. */
 export function day(iso) {
   const date = new Date(iso);
