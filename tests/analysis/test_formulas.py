@@ -2,15 +2,18 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.analysis.diagnosis.describing import Describer
+from bench.analysis.diagnosis.describing import Describer, _judged
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.grammar import Grammar
+from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.proof import LeftOut
 from bench.analysis.diagnosis.states import states
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.expression import Expression
@@ -160,6 +163,30 @@ def test_a_part_that_snaps_over_at_two_temperatures_is_found_where_its_jumps_are
     centre, width = map(float, re.findall(r"([\d.]+) \+ ([\d.]+)", answer.formulas[0].formula)[0])
     assert [centre, width] == pytest.approx([14.0, 7.7], abs=0.6)
     assert answer.formulas[0].held_out_rms_dph < 1.15 * answer.floor_dph
+
+
+@pytest.mark.slow
+def test_a_product_of_many_factors_does_not_take_the_place_of_an_effect():
+    """Each factor more is one of many that were tried, which the formula pays for."""
+    frost = cases.case(("frost",), 1.0, 3, outside.RUN, MODEL)
+    answer = diagnose([frost.run(outside.RUN)], MODEL, static=frost.quiet(cases.STATIC, 4))
+    assert answer.verdict == "missing_effect", answer.sentence
+    assert answer.found[0].effect == "frost"
+
+
+def test_the_formula_that_a_check_run_proves_against_another_comes_first():
+    rng = np.random.default_rng(1)
+
+    def ranked(total, borne, error_dph):
+        left = LeftOut("check", error_dph * rng.normal(size=2000), np.ones(2000))
+        return SimpleNamespace(total=total, borne=borne, scored=Unseen(error_dph, left=left))
+
+    more, less, alike = ranked(352.0, 76.0, 0.7), ranked(304.0, 135.0, 0.27), ranked(300.0, 136.0, 0.27)
+    assert _judged([more, less, alike]) == [less, more, alike]
+    assert _judged([less, more]) == [less, more]
+    less.borne = 77.0  # no more probable with it
+    assert _judged([more, less])[0] is more
+    assert _judged([]) == []
 
 
 @pytest.mark.slow
