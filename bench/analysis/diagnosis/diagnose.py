@@ -126,7 +126,7 @@ class _Case:
             raise InputError(f"{text}, at least {LEAST_DIAGNOSED_ROWS} are needed: record more")
         spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(fit.residuals, kept, strict=True))
         if spikes:
-            notes.append(f"{spikes} rows with spikes were left out")
+            notes.append(f"rows with spikes, left out: {spikes}")
         if static is None:
             notes.append(
                 "without an isothermal run (--static) slow changes that no channel records look like the unit's own "
