@@ -466,16 +466,20 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
         unit="" if manifest.unit == UNKNOWN_UNIT else manifest.unit,
         output=manifest.output,
     )
-    between = {n: _between_readings(time, v) for n, v in channels.items() if n not in {*OUTPUTS, "applied_rate"}}
+    others = {name: values for name, values in channels.items() if name not in {*OUTPUTS, "applied_rate"}}
+    between = {name: _between_readings(time, values, run.spacing_s) for name, values in others.items()}
     slow = {name: values for name, values in between.items() if values is not None}
+    if not slow:
+        return run
     # The steps of a thermometer are those of its readings: values between them would hide them.
     step = run.temperature_step if "temperature" in slow else None
     counts = {n: np.where(np.isfinite(v), np.maximum(run.count(n), 1.0), 0.0) for n, v in slow.items()}
     return replace(run, channels={**channels, **slow}, counts={**run.counts, **counts}, finer_step=step)
 
 
-def _between_readings(time: FloatArray, values: FloatArray) -> FloatArray | None:
-    """Values (n,) with those between readings, for a channel that is read regularly but less often than its rows.
+def _between_readings(time: FloatArray, values: FloatArray, spacing_s: float) -> FloatArray | None:
+    """Values (n,) with those between readings, for a channel that is read regularly, but less often than every
+    `spacing_s`, the distance of the rows.
 
     Monotone cubics (PCHIP) never leave the range of the two readings. Without them a mean would have the temperature of
     one instant, and no slope. None where every row has its reading; a reading that fails leaves a gap.
@@ -485,7 +489,7 @@ def _between_readings(time: FloatArray, values: FloatArray) -> FloatArray | None
         return None
     apart_s = np.diff(time[known])
     usual_s = float(np.median(apart_s))
-    if not 1.5 * float(np.median(np.diff(time))) < usual_s <= _SLOWEST_READING_S:
+    if not 1.5 * spacing_s < usual_s <= _SLOWEST_READING_S:
         return None
     from scipy.interpolate import PchipInterpolator
 

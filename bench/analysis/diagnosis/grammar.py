@@ -24,6 +24,7 @@ _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _MOST_DEGREE = 2  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
 _PERIODS = 48  # of a line over temperature
+_SLOPE = Block("dT_dt", "dT/dt", "degC/min")
 
 
 class Grammar:
@@ -41,7 +42,7 @@ class Grammar:
         alone = [Formula((block,)) for block in (*drivers, *bent, *states(self.ranges), *self.bends())]
         lines = [Formula((block,), pair=True) for block in self.lines()]
         # Up and down the same way its rate of change leaves nothing of the sine alone, which could grow to it.
-        changing = replace(lines[0], blocks=(*lines[0].blocks, Block("dT_dt", "dT/dt", "degC/min")))
+        changing = replace(lines[0], blocks=(*lines[0].blocks, _SLOPE))
         return [*alone, *lines, changing]
 
     def pairs(self) -> list[Formula]:
@@ -97,7 +98,7 @@ class Grammar:
     def drivers(self) -> list[Block]:
         """What may act by itself: the rate of change and its memory, the loop, the gap to the air, each channel."""
         blocks = [
-            Block("dT_dt", "dT/dt", "degC/min", most=self.ranges.fastest),
+            replace(_SLOPE, most=self.ranges.fastest),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(dT_dt + abs(dT_dt))", "dT/dt of heating alone", "degC/min"),
             Block("(dT_dt - abs(dT_dt))", "dT/dt of cooling alone", "degC/min"),
@@ -235,7 +236,7 @@ class Grammar:
                   looser=Block("(lag(temperature, {tau_s}) - {centre})", "a temperature that lags, from a value",
                                "degC", (*inner, ("centre", (low - span, high + span))),
                                tuple((*one, c) for one in lagging for c in (low - 0.5 * span, low, high)))),
-            Block("dT_dt", "dT/dt", "degC/min"),
+            _SLOPE,
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(1 + direction)", "heating", ""),
             Block("(1 - direction)", "cooling", ""),
