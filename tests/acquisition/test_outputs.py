@@ -17,7 +17,7 @@ from bench.base.errors import InputError
 from bench.commands.acquisition import check
 from bench.commands.replay.replaying import replay
 from bench.record import RunFolder, apart, faults, read_samples
-from bench.record.dataset import load, seconds_of
+from bench.record.reading import load, seconds_of
 from drivers.journal import Kind, read_blocks
 from tests.support import acquisition
 from tests.support.commands import bench

@@ -19,7 +19,7 @@ from bench.acquisition.station.station import open_station
 from bench.acquisition.station.turning import Turntable
 from bench.base import config
 from bench.base.errors import EquipmentError, InputError
-from bench.record import dataset
+from bench.record.reading import load
 from bench.record.samples import read_samples
 from drivers.clock import SimClock
 from drivers.errors import DriverError, LinkError
@@ -165,7 +165,7 @@ def test_a_node_that_does_not_answer_stops_the_run_before_anything_moves(tmp_pat
 
 
 def test_the_scale_factor_of_the_unit_comes_out_to_the_noise(turned):
-    record = dataset.load(turned.path, 10.0)
+    record = load(turned.path, 10.0)
     applied, degc = record.channel("applied_rate"), record.channel("temperature")
     columns = 3600e-6 * np.column_stack([1e6 / 3600 * np.ones(len(record)), applied, applied * np.abs(applied) / 100])
     beta, *_ = np.linalg.lstsq(columns, record.bias, rcond=None)
@@ -190,7 +190,7 @@ def test_the_table_is_recorded_from_its_encoder(turned):
 
 
 def test_seconds_of_acceleration_are_left_out_of_a_dataset(turned):
-    record = dataset.load(turned.path, 1.0)
+    record = load(turned.path, 1.0)
     known = np.isfinite(record.bias)
     applied = record.channel("applied_rate")[known]
     columns = np.column_stack([np.ones(len(applied)), applied, applied * np.abs(applied)])
@@ -273,7 +273,7 @@ def test_a_hold_brings_the_table_to_a_stand_and_the_resumed_segment_turns_again(
     resumed = segments["rate +20 deg/s at 23 (resumed)"]
     assert resumed.outcome == "done"
     assert resumed.to_s - resumed.from_s >= 40
-    record = dataset.load(result.run.path, 1.0)
+    record = load(result.run.path, 1.0)
     inside = (record.time > resumed.to_s - 30) & (record.time < resumed.to_s)
     assert np.mean(record.channel("applied_rate")[inside]) == pytest.approx(20.0, abs=0.001)
 
@@ -284,7 +284,7 @@ def test_a_profile_that_turns_nothing_leaves_the_axis_off(tmp_path):
     result = run_job(job(tmp_path, text), lambda open_now, status: opened.append(open_now.turntable.table.enabled))
     assert result.error is None
     assert not any(opened)
-    record = dataset.load(result.run.path, 1.0)
+    record = load(result.run.path, 1.0)
     assert np.nanmax(np.abs(record.channel("applied_rate"))) < 0.001
 
 

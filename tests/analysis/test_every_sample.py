@@ -22,8 +22,9 @@ from bench.analysis.fit.samples import BATCH_ROWS, REACH_S, Samples, between
 from bench.analysis.fit.so_far import SoFar
 from bench.analysis.fit.state import State
 from bench.cli import main
-from bench.record.dataset import Dataset, load
+from bench.record.dataset import Dataset
 from bench.record.folder import RunFolder
+from bench.record.reading import load
 from bench.record.samples import read_samples
 from tests.support.run_folders import CYCLE, make_run, ramp_run
 

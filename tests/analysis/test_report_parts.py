@@ -8,8 +8,8 @@ import pytest
 from bench.analysis.judging.completeness import completeness
 from bench.analysis.judging.joints import joints
 from bench.analysis.judging.judge import analyse
-from bench.record.dataset import load
 from bench.record.folder import RunFolder
+from bench.record.reading import load
 from tests.support.run_folders import CYCLE, make_run, ramp_run
 
 FLOOR_DPH = 0.06

@@ -23,7 +23,7 @@ from bench.archive.registry.ledger import archive
 from bench.archive.registry.opening import open_registry
 from bench.base.errors import InputError
 from bench.cli import main
-from bench.record.dataset import load
+from bench.record.reading import load
 from tests.support.fleet_runs import fleet
 from tests.support.run_folders import make_run, ramp_run
 

@@ -17,7 +17,7 @@ from bench.commands.flash_record import newest_record, records
 from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words
 from bench.record import Manifest, RunFolder
-from bench.record.dataset import load
+from bench.record.reading import load
 from tests.support import acquisition, flash_bench
 
 ROOT = Path(__file__).parents[2]

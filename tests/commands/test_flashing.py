@@ -25,7 +25,7 @@ from bench.commands.flash_unit import AlreadyThereError, flash, flash_previous, 
 from bench.deliver.export.image import read
 from bench.deliver.export.words import to_words
 from bench.record import FlashRecord, Verdict
-from bench.record.dataset import load
+from bench.record.reading import load
 from drivers.errors import IdentityError, LinkError, RefusedError
 from drivers.flash_objects import Memory
 from tests.support import acquisition, flash_bench

@@ -12,7 +12,7 @@ from bench.analysis.judging.judge import analyse
 from bench.base.errors import InputError
 from bench.mystery.hidden import HIDDEN
 from bench.mystery.mystery import make_mystery, reveal
-from bench.record.dataset import load
+from bench.record.reading import load
 
 PROFILE = """name: short
 start: {temperature_degc: 25}

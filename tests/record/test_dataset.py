@@ -7,7 +7,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from bench.base.errors import InputError
-from bench.record.dataset import Dataset, Segment, load, write_means
+from bench.record.dataset import Dataset, Segment
+from bench.record.means import write_means
+from bench.record.reading import load
 from tests.support.analysis_data import thermal_cycle
 
 

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 
 from bench.base.channels import FloatArray
 from bench.record.chain import chain_of, put
-from bench.record.dataset import write_means
 from bench.record.folder import Manifest, RunFolder
+from bench.record.means import write_means
 
 UNIT = "SIM-0001"
 ARW = 0.005

@@ -22,7 +22,7 @@ from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.thresholds import EXPLAINED_RATIO, NEAREST_RATIO
 from bench.base import number, user_name
 from bench.record import NotesRecord, prove
-from bench.record.dataset import load
+from bench.record.reading import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
 from bench.web.workbench import diagnosing
