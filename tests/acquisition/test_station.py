@@ -80,7 +80,8 @@ def test_all_units_run_where_none_is_named_and_a_name_has_to_be_known():
     assert [unit.serial for unit in station.chosen()] == ["G1", "G2"]
     assert [unit.serial for unit in station.chosen(["G2", "G1", "G2"])] == ["G2", "G1"]
     with pytest.raises(
-        InputError, match=r"unit 'G3' is not in station 'bench 3'; choose from \['G1', 'G2'\] with --un"
+        InputError,
+        match=r"unit 'G3' is not in station 'bench 3'; choose from G1, G2, or write G3@G1 for a new unit",
     ):
         station.chosen(["G1", "G3"])
 

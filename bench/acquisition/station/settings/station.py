@@ -213,8 +213,10 @@ class StationSettings(BaseModel):
         known = {unit.serial: unit for unit in self.units}
         for serial in serials:
             if serial not in known:
-                text = f"unit {serial!r} is not in station {self.name!r}; choose from {[*known]} with --unit"
-                raise InputError(text)
+                raise InputError(
+                    f"unit {serial!r} is not in station {self.name!r}; choose from {', '.join(known)}, or write "
+                    f"{serial}@{next(iter(known))} for a new unit in that slot"
+                )
         return tuple(known[serial] for serial in dict.fromkeys(serials)) or self.units
 
     def plant(self, seed: int) -> Plant:
