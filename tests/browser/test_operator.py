@@ -151,6 +151,38 @@ def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(bench
     assert page.get_by_role("link", name="Report").count() == 1
 
 
+def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(bench, visitors):
+    folder = bench.out / "SIM-0001" / "20261121T080000Z_check"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
+    verified = {
+        "verdict": "MARGINAL", "rms_dph": 0.1318, "over_floor": 1.21, "calibration_run": "20261121T060000Z_ramp",
+        "rule": "RMS of the corrected rate at most 1.2 times the noise floor",
+    }  # fmt: skip
+    (folder / "verification.json").write_text(json.dumps(verified))
+    page = visitors.come(bench.site.address)
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    page.get_by_role("heading", name="MARGINAL").wait_for()
+    page.get_by_text(verified["rule"]).wait_for()
+    page.get_by_text("0.1318 deg/h RMS of its own output").wait_for()
+    assert page.get_by_role("link", name="Report").count() == 0
+    page.get_by_role("link", name="Deliver and check").click()
+    page.get_by_role("link", name="The calibration that it verifies").wait_for()
+    assert page.get_by_role("heading", name="Certificate").count() == 0
+
+
+def test_the_longest_verdict_does_not_break_within_a_word_on_a_telephone(bench, visitors):
+    folder = bench.out / "SIM-0001" / "20261121T090000Z_ramp"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
+    page = visitors.come(bench.site.address, size={"width": 360, "height": 780}, locale="uk-UA")
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    word = page.get_by_role("heading", name="НЕ ПРОАНАЛІЗОВАНО")
+    word.wait_for()
+    lines = word.evaluate("(h) => h.getBoundingClientRect().height / parseFloat(getComputedStyle(h).lineHeight)")
+    assert round(lines) <= 2
+
+
 def press_tab_to(page, target, most=60):
     """Walk with Tab until `target` has the focus."""
     for _ in range(most):

@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -71,6 +72,29 @@ def test_a_run_says_which_steps_to_the_certificate_are_done(tmp_path: Path) -> N
     run_folders.keep(origin, "certificate.json", {"number": "1", "draft": ["no laboratory"]})
     wanted = {"calibrated": True, "flashed": True, "verified": True, "certified": False}
     assert steps(origin) == steps(check) == wanted
+
+
+def test_a_verification_is_judged_by_its_own_record(tmp_path: Path) -> None:
+    origin, check = (write(tmp_path, f"SIM-0001/20261121T0{hour}0000Z_ramp") for hour in (6, 8))
+    found = {"verdict": "PASS", "rms_dph": 0.2692, "over_floor": 2.471, "calibration_run": f"/elsewhere/{origin.name}"}
+
+    def told() -> tuple[dict[str, Any], dict[str, Any]]:
+        with served(Settings(out=tmp_path)) as client:
+            ended = client.get(f"/api/v1/live/SIM-0001/{check.name}").json()["ended"]
+            return ended["units"][0], client.get(f"/api/v1/runs/SIM-0001/{check.name}").json()
+
+    run_folders.keep(check, "verification.json", {**found, "rule": "RMS at most 3 times", "refusals": ["too short"]})
+    unit, run = told()
+    said = "0.2692 deg/h RMS of its own output, 2.47 x its noise floor"
+    assert (unit["analysed"], unit["limits"], unit["sentence"]) == (True, "PASS", said)
+    assert (run["sentence"], run["calibration"], run["report"]) == (said, False, False)
+    assert run["verifies"] == f"SIM-0001/{origin.name}"
+    rule = {"verdict": "PASS", "decision_rule": "RMS at most 3 times", "refusals": ["too short"]}
+    assert run["limits"] == rule
+    limits = {"name": "quick", "verdict": "FAIL", "refusals": [], "results": []}
+    run_folders.keep(check, "verification.json", {**found, "verdict": "FAIL", "limits": limits})
+    unit, run = told()
+    assert (unit["limits"], run["limits"]) == ("FAIL", limits)
 
 
 def test_a_run_is_of_the_unit_that_its_manifest_names(tmp_path: Path) -> None:

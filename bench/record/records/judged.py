@@ -110,3 +110,18 @@ class VerificationRecord(Record):
     """What was in the unit."""
     calibration_run: str | None = None
     quantities: tuple[StoredQuantity, ...] = ()
+
+    @property
+    def judged(self) -> Judged:
+        """The limits applied; without limits the rule that took their place, as a judgement without quantities."""
+        if self.limits is not None:
+            return self.limits
+        return Judged(verdict=self.verdict, decision_rule=self.rule or "", refusals=self.refusals)
+
+    @property
+    def sentence(self) -> str:
+        """What the run found, in words."""
+        if self.rms_dph is None:
+            return ""
+        ratio = "" if self.over_floor is None else f", {self.over_floor:.2f} x its noise floor"
+        return f"{self.rms_dph:.4f} deg/h RMS of its own output{ratio}"

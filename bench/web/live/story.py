@@ -10,7 +10,15 @@ from typing import Any, TypeVar
 from bench.acquisition import LiveRun, ending_of
 from bench.base import InputError
 from bench.record import EVENTS as EVENTS_FILE
-from bench.record import CalibrationRecord, LimitsRecord, Manifest, Record, RunFolder, read_events
+from bench.record import (
+    CalibrationRecord,
+    LimitsRecord,
+    Manifest,
+    Record,
+    RunFolder,
+    VerificationRecord,
+    read_events,
+)
 
 NO_VERDICT: dict[str, Any] = {"analysing": True, "units": [], "verdict": None, "sentence": ""}
 _NOT = "not analysed: "
@@ -143,14 +151,15 @@ def _rank(unit: Mapping[str, Any]) -> int:
 
 
 def _verdict(folder: Path) -> dict[str, Any]:
-    calibration, limits = sound(CalibrationRecord, folder), sound(LimitsRecord, folder)
+    calibration, verified = sound(CalibrationRecord, folder), sound(VerificationRecord, folder)
+    judged = sound(LimitsRecord, folder) or verified
     return {
         "unit": serial_of(folder),
         "run": f"{folder.parent.name}/{folder.name}",
         "verdict": calibration.verdict.verdict if calibration else None,
-        "sentence": calibration.verdict.sentence if calibration else "",
-        "limits": limits.verdict if limits else None,
-        "analysed": RunFolder(folder).report.is_file(),
+        "sentence": calibration.verdict.sentence if calibration else verified.sentence if verified else "",
+        "limits": judged.verdict if judged else None,
+        "analysed": verified is not None or RunFolder(folder).report.is_file(),
     }
 
 

@@ -15,11 +15,20 @@ from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
-from bench.record import LIVE, CalibrationRecord, ComparisonRecord, DiagnosisRecord, LimitsRecord, Manifest, RunFolder
+from bench.record import (
+    LIVE,
+    CalibrationRecord,
+    ComparisonRecord,
+    DiagnosisRecord,
+    LimitsRecord,
+    Manifest,
+    RunFolder,
+    VerificationRecord,
+)
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
-from bench.web.shelf.steps import Steps, steps_of, whole_of
+from bench.web.shelf.steps import Steps, origin_of, steps_of, whole_of
 
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
@@ -93,6 +102,10 @@ class RunAnswer(BaseModel):
     report: bool
     certificate: bool
     steps: Steps
+    calibration: bool
+    """Whether it has a calibration of its own, or is part of that of a whole unit."""
+    verifies: str | None
+    """The run whose calibration it verifies."""
 
 
 @router.get("/runs")
@@ -120,31 +133,37 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
     entry, folder = index.entry(f"{unit}/{run}"), RunFolder(index.folder(unit, run))
     damaged: list[str] = []
     manifest = story.sound(Manifest, folder.path, damaged)
-    own = story.sound(CalibrationRecord, folder.path, damaged)
+    own, verified = (
+        story.sound(CalibrationRecord, folder.path, damaged),
+        story.sound(VerificationRecord, folder.path, damaged),
+    )
     limits, comparison, diagnosis = (
         record.content() if (record := story.sound(kind, folder.path, damaged)) else None
         for kind in (LimitsRecord, ComparisonRecord, DiagnosisRecord)
     )
     said = manifest.content() if manifest else {}
+    whole, origin = whole_of(folder.path), origin_of(folder.path)
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,
         unit=manifest.unit if manifest else entry.unit,
         state=entry.state,
         verdict=entry.verdict,
-        sentence=own.verdict.sentence if own else "",
+        sentence=own.verdict.sentence if own else verified.sentence if verified else "",
         manifest={key: value for key, value in said.items() if key not in apart},
         segments=said.get("segments", []),
         losses=said.get("losses", {}),
         events=story.events(folder.path)[-_MOST_EVENTS:],
         warnings=[*damaged, *(own.verdict.warnings if own else ())],
-        limits=limits,
+        limits=limits or (verified.judged.content() if verified else None),
         comparison=comparison,
         diagnosis=diagnosis,
         files=_files(folder.path),
         report=folder.report.is_file(),
-        certificate=(whole_of(folder.path) / "certificate.pdf").is_file(),
+        certificate=(whole / "certificate.pdf").is_file(),
         steps=steps_of(folder.path),
+        calibration=whole != folder.path or (own is not None and own.calibration is not None),
+        verifies=f"{entry.run.split('/')[0]}/{origin.name}" if origin else None,
     )
 
 

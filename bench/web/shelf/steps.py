@@ -72,8 +72,7 @@ def steps_of(folder: Path) -> Steps:
             verified=verified is not None and verified.verdict.within,
             certified=certificate is not None and not certificate.draft,
         )
-    own = sound(VerificationRecord, folder)
-    origin = folder.parent / Path(own.calibration_run).name if own and own.calibration_run else folder
+    origin = origin_of(folder) or folder
     calibration, flash = sound(CalibrationRecord, origin), sound(FlashRecord, origin)
     certificate = sound(CertificateRecord, origin)
     return Steps(
@@ -82,6 +81,12 @@ def steps_of(folder: Path) -> Steps:
         verified=any(verifications_of(origin)),
         certified=certificate is not None and not certificate.draft,
     )
+
+
+def origin_of(folder: Path) -> Path | None:
+    """The run whose calibration this run verifies; None for a run that verifies none."""
+    own = sound(VerificationRecord, folder)
+    return folder.parent / Path(own.calibration_run).name if own and own.calibration_run else None
 
 
 def verifications_of(origin: Path) -> list[Path]:

@@ -161,9 +161,10 @@ export default function Run({ params }) {
     <p class="row">${run.report && html`<a class="button" href=${`/api/v1${path}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
       <a class="button" href=${`/workbench?run=${link}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/workbench?run=${link}&compare=`}>${t("run.compare")}</a></p>
+    ${!run.calibration && html`<p>${t("run.no_calibration")} ${run.verifies && html`<a href=${`/runs/${run.verifies}`}>${t("run.verifies")}</a> `}<a href=${`/api/v1${path}/data.csv`} download>${t("run.means")}</a></p>`}
     <div class="run-parts">
-      ${!ofLot(run) && html`<${Certificate} path=${path} run=${run} again=${again} />`}<${Export} path=${path} />
-      <${InTheUnit} path=${path} run=${run} />${!ofLot(run) && html`<${Replay} path=${path} />`}
+      ${run.calibration && html`${!ofLot(run) && html`<${Certificate} path=${path} run=${run} again=${again} />`}<${Export} path=${path} />
+      <${InTheUnit} path=${path} run=${run} />`}${!ofLot(run) && html`<${Replay} path=${path} />`}
     </div>
   </div>`;
 }

@@ -46,8 +46,9 @@ export default function Verdict({ params }) {
   const { run, end, error } = useEnd(params);
   useEffect(() => {
     if (run?.condition && run.condition !== "ended" && !end) navigate(`/live/${params.unit}/${params.run}`, { replace: true });
+    if (run?.job && end && !end.analysing && !end.units.some(({ analysed }) => analysed)) navigate(`/calibrations/${run.job}`, { replace: true }); // its calibration judges it
     if (run?.profile === "lot") navigate(`/runs/${params.unit}/${params.run}`, { replace: true }); // made of other runs: nothing was measured
-  }, [run?.condition, run?.profile, !end]);
+  }, [run, end]);
   const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
@@ -67,7 +68,7 @@ export default function Verdict({ params }) {
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
-      <${Ways} units=${units} run=${run} />
+      <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
     </div>
   </article>`;
 }
@@ -93,10 +94,15 @@ function useJudged(unit) {
 function Word({ word }) {
   const heading = useRef(null);
   useEffect(() => heading.current.focus({ preventScroll: true }), [word]);
-  const letters = [...t(`verdict.${word}`)].reduce((sum, letter) => sum + (letter.codePointAt(0) > 0x2e80 ? 1.6 : 1), 0);
-  return html`<header class="verdict-word" ref=${(element) => element?.style.setProperty("--letters", letters)}>
+  const wide = (text) => [...text].reduce((sum, letter) => sum + (letter.codePointAt(0) > 0x2e80 ? 1.6 : 1), 0);
+  const text = t(`verdict.${word}`);
+  const sized = (element) => {
+    element?.style.setProperty("--letters", wide(text));
+    element?.style.setProperty("--longest", Math.max(...text.split(" ").map(wide)));
+  };
+  return html`<header class="verdict-word" ref=${sized}>
     ${word === "analysing" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${toneOf(word)} />`}
-    <h1 tabindex="-1" ref=${heading} aria-live="assertive">${t(`verdict.${word}`)}</h1>
+    <h1 tabindex="-1" ref=${heading} aria-live="assertive">${text}</h1>
   </header>`;
 }
 
@@ -118,7 +124,7 @@ function Achieved({ run }) {
   const { done, missing } = achieved(run);
   const named = (steps) => steps.map((step) => t(`verdict.step.${step}`)).join(", ");
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
-    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) })}</span></li>`}
+    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${run.limits?.name ? t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) }) : t("verdict.done_by_rule", { steps: named(done) })}</span></li>`}
     ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}
   </ul>`;
 }
@@ -129,8 +135,9 @@ function Reasons({ limits, of }) {
   return html`<div class="verdict-reasons">
     ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
       <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span><${Said} text=${text} /></span></li>`)}</ul>`}
-    <div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
-      <tbody>${(limits.results ?? []).map((result) => html`<${Judged} key=${result.name} result=${result} />`)}</tbody></table></div>
+    ${!limits.results?.length && limits.decision_rule && html`<p class="soft"><${Said} text=${limits.decision_rule} /></p>`}
+    ${limits.results?.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
+      <tbody>${limits.results.map((result) => html`<${Judged} key=${result.name} result=${result} />`)}</tbody></table></div>`}
   </div>`;
 }
 
@@ -166,7 +173,7 @@ function repeat(run) {
   return `/start?${new URLSearchParams({ unit: units.join(","), station, plan })}`;
 }
 
-function Ways({ units, run }) {
+function Ways({ units, run, reported }) {
   const one = units[0];
   const written = one.analysed && one.run;
   return html`<div class="verdict-ways">
@@ -174,7 +181,7 @@ function Ways({ units, run }) {
     ${may("operator") && run?.runs && !run.job && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
     ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
-    ${written && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
+    ${written && reported && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${`/runs/${one.run}`}>${t("run.open")}</a>`}
     ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}
