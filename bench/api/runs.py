@@ -192,13 +192,15 @@ def open(
     *,
     interval_s: float = DEFAULT_INTERVAL_S,
     dbc: str | Path | None = None,
+    output: str | None = None,
 ) -> Run:
     """Open a run folder, a table (CSV, Parquet, MF4, or a CAN log with its `dbc`) or a DataFrame.
 
     `columns` names the column of each channel that its header does not make obvious, `{"rate": "gz", "temperature":
     "T_int"}`, or is the YAML file of `bench import --columns`; `units` are those of the channels, `{"rate": "deg/s"}`,
     where the header does not say them. Every value is converted into the unit in `bench.channels`. `interval_s` [s] is
-    the length of the means that models are fitted to. Nothing is written.
+    the length of the means that models are fitted to; `output` ("rate_x") is the rate that is looked at, of a unit with
+    several. Nothing is written.
 
     Raises InputError, one line with file and line: no such file, a channel that no column is, an unknown unit, time
     that runs backwards, or a run that was never finished.
@@ -214,19 +216,20 @@ def open(
     4.5
     """
     if isinstance(source, str | Path) and Path(source).is_dir():
-        return open_folder(Path(source), interval_s)
+        return open_folder(Path(source), interval_s, output)
     base = _foreign(source, columns, units or {}, dbc)
+    base = base if output is None else base.of(output)
     return Run(base.name, max(interval_s, base.interval_s), None, max(1.0, base.interval_s), base.average)
 
 
-def open_folder(folder: Path, interval_s: float = DEFAULT_INTERVAL_S) -> Run:
+def open_folder(folder: Path, interval_s: float = DEFAULT_INTERVAL_S, output: str | None = None) -> Run:
     """The run in a folder; one whose bench was killed is recovered from its journals first."""
     path = commands.recover(folder).path
 
     def read(wanted_s: float) -> Dataset:
-        return record.load(path, wanted_s)
+        return record.load(path, wanted_s, output)
 
-    return Run(record.load(path, interval_s).name, interval_s, path, 1.0, read)
+    return Run(record.load(path, interval_s, output).name, interval_s, path, 1.0, read)
 
 
 def _foreign(source: Any, columns: Any, units: Mapping[str, str], dbc: str | Path | None) -> Dataset:

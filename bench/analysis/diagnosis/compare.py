@@ -16,7 +16,7 @@ from bench.analysis.diagnosis.pieces import BLOCKS, pieces_of
 from bench.analysis.diagnosis.scores import Comparison, Counted, HeldOut, Score, SegmentScore
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
-from bench.analysis.fit.fitting import Fit, fit_model, refuse_corrected
+from bench.analysis.fit.fitting import Fit, fit_model, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
 from bench.base import BoolArray, FloatArray, InputError, IntArray, shared, usual_workers
@@ -90,7 +90,7 @@ def compare(
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     checks = () if check is None else (check,) if isinstance(check, Dataset) else tuple(check)
-    refuse_corrected(checks)
+    refuse_unfit(checks)
     if not lot:
         refuse_mixed((*records, *checks))
     with one_blas_thread():

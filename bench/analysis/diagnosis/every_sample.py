@@ -14,7 +14,7 @@ from bench.analysis.diagnosis.compare import interval_of, segment_name
 from bench.analysis.diagnosis.scores import Comparison, HeldOut, Score, SegmentScore
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.every_sample import FOLDS, Pass, SampledRun, read
-from bench.analysis.fit.fitting import refuse_corrected
+from bench.analysis.fit.fitting import refuse_unfit
 from bench.analysis.fit.normal import left_out
 from bench.analysis.fit.solve import one_blas_thread
 from bench.base import BoolArray, FloatArray, InputError, IntArray
@@ -28,7 +28,7 @@ def compare_every_sample(
 
     A model that cannot be fitted raises its InputError, or is refused where not `strict`.
     """
-    refuse_corrected(record.means for record in records)
+    refuse_unfit(record.means for record in records)
     if not lot:
         refuse_mixed(record.means for record in records)
     floor = sample_floor([record.seconds for record in records], floor_dph)

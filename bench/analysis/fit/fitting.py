@@ -191,7 +191,7 @@ def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
     columns, condition above 1e12.
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
-    refuse_corrected(records)
+    refuse_unfit(records)
     with one_blas_thread():
         laid_out = choose(fit_rows(model, records, rows))
         if isinstance(weights, NoiseWeights):
@@ -279,9 +279,17 @@ def _is_rounding(matrix: FloatArray, units: Sequence[str]) -> BoolArray:
     return np.asarray(size <= _ROUNDING * largest[of_unit])
 
 
-def refuse_corrected(records: Iterable[Dataset]) -> None:
-    """InputError where a unit corrected its rate itself: the rest is not the unit's bias."""
+def refuse_unfit(records: Iterable[Dataset]) -> None:
+    """InputError where a record is not the bias of one axis over temperature: the unit corrected its rate itself, or
+    one of several outputs was recorded in several attitudes, each of which turns another axis.
+    """
     for record in records:
         if record.corrected:
             text = f"{record.name}: the unit corrected its rate itself during this run: it is a verification"
             raise InputError(f"{text} and cannot be fitted or checked against; use runs of the raw rate")
+        stood = {segment.attitude for segment in record.segments if segment.attitude}
+        if record.output != "rate" and len(stood) > 1:
+            raise InputError(
+                f"{record.name}: the unit stood in {len(stood)} attitudes, and each turn and the Earth act on other "
+                "axes in each of them; `bench imu` fits all axes together"
+            )

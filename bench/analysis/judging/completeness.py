@@ -189,7 +189,10 @@ def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int,
     counted = int(base.count("rate").sum())
     try:
         with SampleFile(run.data) as table:
-            first, last = _edge(table, table.groups, 0), _edge(table, reversed(table.groups), -1)
+            first, last = (
+                _edge(table, base.output, table.groups, 0),
+                _edge(table, base.output, reversed(table.groups), -1),
+            )
     except InputError:  # no table, or a damaged one: the means still say how many there are
         return counted, None
     if not rate_hz or first is None or last is None:
@@ -197,11 +200,11 @@ def _samples(run: RunFolder, base: Dataset, rate_hz: float | None) -> tuple[int,
     return counted, max(0, round((last - first) * rate_hz) + 1 - counted)
 
 
-def _edge(table: SampleFile, groups: Iterable[int], end: int) -> float | None:
-    """Time [s] of the first (0) or last (-1) rate sample; reads one row group, seldom more."""
+def _edge(table: SampleFile, output: str, groups: Iterable[int], end: int) -> float | None:
+    """Time [s] of the first (0) or last (-1) sample of an output; reads one row group, seldom more."""
     for group in groups:
-        rows = table.read(["time", "rate"], [group])
-        present = rows["time"][np.isfinite(rows["rate"])]
+        rows = table.read(["time", output], [group])
+        present = rows["time"][np.isfinite(rows[output])]
         if present.size:
             return float(present[end])
     return None

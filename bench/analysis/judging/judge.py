@@ -26,7 +26,7 @@ from bench.analysis.judging.quantities import quantities, standing
 from bench.analysis.judging.validity import OF_ALL_ROWS, refusals
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.analysis.noise.floor import Floor, noise_floor
-from bench.base import InputError
+from bench.base import RATES, InputError
 from bench.record import (
     DEFAULT_INTERVAL_S,
     CalibrationRecord,
@@ -85,14 +85,14 @@ def analyse(  # noqa: PLR0913 - options of one command, by keyword
     refuse_twice((*kin, *([] if still is None else [still])))
     refuse_twice(one for one in (data, *checks, still) if one is not None)
     done = completeness(run, manifest, None if seconds is None else averaged(seconds, 1.0, whole=True))
-    floor = Floor(reason=reason) if seconds is None else noise_floor([averaged(seconds, 1.0)], interval_s, fine)
-    if data is None:
-        verdict = judge(done, None, np.nan, reason)
+    if seconds is None or data is None:
+        floor, verdict = Floor(reason=reason), judge(done, None, np.nan, reason, elsewhere=seconds is not None)
         gaps = joints(manifest, None, np.nan)
         warnings = (*cautions(done, None, None, None, gaps), *others)
         result = Analysis(run, manifest, interval_s, done, floor, verdict, gaps=gaps, warnings=warnings, others=others,
                           inertial=inertial)  # fmt: skip
     else:
+        floor = noise_floor([averaged(seconds, 1.0)], interval_s, fine)
         name = None if isothermal is None else isothermal.name
         known = Analysis(run, manifest, interval_s, done, floor, _PENDING, data, static=name, others=others)
         result = _judged(known, data, models, checks)
@@ -134,7 +134,8 @@ def _lacking(folders: Iterable[Path | str]) -> Iterator[str]:
 def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset | None, str, bool]:
     """The 1 s means and those over `interval_s`, or why there are none to judge; the table is read once a report.
 
-    The last is whether the unit is calibrated as a whole, by another command.
+    Of several outputs the 1 s means are those of the first rate, which tell what of the run is there. The last is
+    whether the unit is calibrated as a whole, by another command.
     """
     try:
         seconds = seconds_of(run.path)
@@ -143,7 +144,8 @@ def _means(run: RunFolder, interval_s: float) -> tuple[Dataset | None, Dataset |
             stood = any(segment.attitude for segment in seconds.segments)
             way = f"`bench imu {run.path}` calibrates it as a whole, by the attitudes that it stood in"
             each = "`bench report` analyses each rate in a run folder of its own"
-            return None, None, f"{text}; {way if stood else each}", stood
+            one = next((name for name in seconds.outputs if name in RATES), None)
+            return seconds.of(one) if one else None, None, f"{text}; {way if stood else each}", stood
     except InputError as error:
         return None, None, str(error).replace(f"{run.path}/", ""), False
     steady = averaged(seconds, 1.0)

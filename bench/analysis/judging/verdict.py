@@ -14,9 +14,11 @@ from bench.analysis.thresholds import ADEQUATE_RATIO
 from bench.base import clock, listed, number
 
 Word = Literal[
-    "adequate", "missing_effect", "unknown_effect", "undecided", "model_error", "unproven", "partial", "no_data"
-]
-"""Words of the diagnosis; `model_error` without a diagnosis; the others where nothing is proven."""
+    "adequate", "missing_effect", "unknown_effect", "undecided", "model_error", "measured", "unproven", "partial",
+    "no_data",
+]  # fmt: skip
+"""Words of the diagnosis; `model_error` without a diagnosis; `measured` where another command fits a model to the run;
+the others where nothing is proven."""
 
 _HEADLINES: dict[Word, str] = {
     "adequate": "Adequate",
@@ -24,6 +26,7 @@ _HEADLINES: dict[Word, str] = {
     "unknown_effect": "An unknown effect is missing",
     "undecided": "Not decided",
     "model_error": "The model leaves an error",
+    "measured": "Measured",
     "unproven": "Not proven",
     "partial": "Partial run",
     "no_data": "No data",
@@ -34,6 +37,7 @@ _TONES: dict[Word, str] = {
     "unknown_effect": "warn",
     "undecided": "warn",
     "model_error": "warn",
+    "measured": "good",
     "unproven": "warn",
     "partial": "bad",
     "no_data": "bad",
@@ -62,10 +66,12 @@ class RunVerdict:
         return _TONES[self.word]
 
 
-def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str) -> RunVerdict:
-    """Verdict of a run; `reason` says why it has no model."""
+def judge(done: Completeness, best: Score | None, floor_dph: float, reason: str, elsewhere: bool = False) -> RunVerdict:
+    """Verdict of a run; `reason` says why it has no model, `elsewhere` that another command fits one."""
     if done.samples == 0:
         return RunVerdict("no_data", f"{_state(done)}: {reason or 'nothing was captured'}.")
+    if elsewhere and done.ended:
+        return RunVerdict("measured", f"{_state(done)}, {_losses(done)}; {reason}.")
     if best is None:
         word: Word = "unproven" if done.ended else "partial"
         return RunVerdict(word, f"{_state(done)}, {_losses(done)}; no model could be fitted: {reason}.")

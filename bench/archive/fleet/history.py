@@ -23,7 +23,7 @@ from bench.record import CertificateRecord, FlashRecord, VerificationRecord, slu
 
 DAY_S = 86400.0
 _REFUSED = {"FAIL", "INVALID"}
-_UNPROVEN = {"unproven", "partial", "no_data"}
+_UNPROVEN = {"measured", "unproven", "partial", "no_data"}
 
 Found = dict[str, Any]
 

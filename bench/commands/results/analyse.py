@@ -22,6 +22,7 @@ WORST_FIRST = (
     "unknown_effect",
     "missing_effect",
     "undecided",
+    "measured",
     "adequate",
 )
 """Verdicts of an analysis."""

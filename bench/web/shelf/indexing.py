@@ -26,7 +26,7 @@ from bench.record import ComparisonRecord, LimitsRecord, Manifest, VerificationR
 from bench.web.ground.problems import NotFoundError
 from bench.web.live.finding import inside
 
-FILE, FORMAT = "runs.json", 1
+FILE, FORMAT = "runs.json", 2
 RUNNING, UNFINISHED, DAMAGED = "running", "unfinished", "damaged"
 LOOK_S = 1.0
 """A look at the disk is good for so long [s]."""
@@ -51,6 +51,8 @@ class RunEntry:
     floor_dph: float | None
     duration_s: float | None
     imported: bool
+    corrected: bool
+    """Whether the unit corrected its rate itself: no model is fitted to it or checked by it."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,9 @@ def _folders(root: Path) -> Iterator[tuple[str, str, int]]:
 def _read(id_: str, path: str, stamp: int) -> Entry | None:
     """What a folder says; None where it is none of a run."""
     unit, _, name = id_.partition("/")
-    entry = Entry(id_, unit, name.partition("_")[2], "", UNFINISHED, "", None, None, None, None, False, changed=stamp)
+    entry = Entry(
+        id_, unit, name.partition("_")[2], "", UNFINISHED, "", None, None, None, None, False, False, changed=stamp
+    )
     live = live_at(path)
     if live is not None and process_alive(live.file.pid):
         entry = replace(entry, state=RUNNING)
@@ -185,6 +189,7 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
             state=RUNNING if entry.state == RUNNING else manifest.state,
             duration_s=manifest.duration_s,
             imported=manifest.cause == "imported",
+            corrected=manifest.corrected,
             content=sha256(recorded).hexdigest() if manifest.files else "",
             **_judged(path),
         )

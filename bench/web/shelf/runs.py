@@ -15,6 +15,7 @@ from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
+from bench.base import InputError
 from bench.record import (
     LIVE,
     CalibrationRecord,
@@ -24,6 +25,7 @@ from bench.record import (
     Manifest,
     RunFolder,
     VerificationRecord,
+    rates_of,
 )
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
@@ -99,6 +101,8 @@ class RunAnswer(BaseModel):
     comparison: dict[str, Any] | None
     diagnosis: dict[str, Any] | None
     files: list[FileEntry]
+    outputs: list[str]
+    """Rates of a unit with several; empty where it has one."""
     report: bool
     certificate: bool
     steps: Steps
@@ -159,6 +163,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         comparison=comparison,
         diagnosis=diagnosis,
         files=_files(folder.path),
+        outputs=_outputs(folder),
         report=folder.report.is_file(),
         certificate=(whole / "certificate.pdf").is_file(),
         steps=steps_of(folder.path),
@@ -205,6 +210,14 @@ def _existing(path: Path, what: str) -> Path:
     if not path.is_file() or path.is_symlink():
         raise HTTPException(404, f"this run has no {what}")
     return path
+
+
+def _outputs(run: RunFolder) -> list[str]:
+    """Rates of a unit with several outputs; none where the means cannot be read."""
+    with contextlib.suppress(InputError):
+        known = rates_of(run) if run.data.is_file() else ()
+        return [name for name in known if name != "rate"]
+    return []
 
 
 def _files(folder: Path) -> list[FileEntry]:

@@ -54,12 +54,18 @@ class RunChoice(BaseModel):
     check: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
     static: RunId | None = None
     sisters: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
+    output: str | None = Field(None, max_length=40)
+    """Which output of units with several, as rate_x; None: their only one."""
 
     def resolved(self, request: Request) -> dict[str, Any]:
         """The runs for the computing process; raises what `resolved` raises."""
         return {
-            "runs": resolved(request, self.runs),
-            "check": resolved(request, self.check),
-            "static": resolved(request, [self.static])[0] if self.static else None,
-            "sisters": resolved(request, self.sisters),
+            "runs": self.entries(request, self.runs),
+            "check": self.entries(request, self.check),
+            "static": self.entries(request, [self.static])[0] if self.static else None,
+            "sisters": self.entries(request, self.sisters),
         }
+
+    def entries(self, request: Request, runs: list[RunId]) -> list[dict[str, str | None]]:
+        """Runs with the chosen output."""
+        return [{**entry, "output": self.output} for entry in resolved(request, runs)]

@@ -27,11 +27,12 @@ FINE_S = 1.0
 
 
 class Run(NamedTuple):
-    """A run by its id, its folder, and the hash of its data."""
+    """A run by its id, its folder, the hash of its data, and which of several outputs is looked at."""
 
     id: str
     path: str
     content: str
+    output: str | None = None
 
 
 Runs = tuple[Run, ...]
@@ -39,7 +40,7 @@ Runs = tuple[Run, ...]
 
 def runs_of(entries: Sequence[Mapping[str, str]]) -> Runs:
     """Runs of a request."""
-    return tuple(Run(entry["run"], entry["path"], entry["content"]) for entry in entries)
+    return tuple(Run(entry["run"], entry["path"], entry["content"], entry.get("output")) for entry in entries)
 
 
 def static_of(inputs: Mapping[str, Any]) -> Run | None:
@@ -61,7 +62,7 @@ def model_text(content: Mapping[str, Any]) -> str:
 def dataset(run: Run, interval_s: float = DEFAULT_INTERVAL_S) -> Dataset:
     """Means of a run; InputError, with the run's id instead of its folder."""
     try:
-        return load(run.path, interval_s)
+        return load(run.path, interval_s, run.output)
     except InputError as error:
         raise InputError(named(str(error), run)) from None
 

@@ -8,7 +8,6 @@ from fastapi import APIRouter, Request
 from pydantic import Field, FiniteFloat
 
 from bench.web.jobs.jobs import Asked, key_of, submit
-from bench.web.shelf.indexing import resolved
 from bench.web.workbench.asking import ModelJson, RunChoice, RunId
 
 router = APIRouter(tags=["workbench"])
@@ -42,7 +41,7 @@ def figures(request: Request, body: FigureRequest) -> Asked:
         body.model.model()
     inputs: dict[str, Any] = {
         **body.resolved(request),
-        "of": resolved(request, [body.of])[0] if body.of else None,
+        "of": body.entries(request, [body.of])[0] if body.of else None,
         "model": body.model.content() if body.model else None,
         **body.model_dump(include={"kind", "over", "every", "from_s", "to_s", "from_degc", "to_degc", "width"}),
     }

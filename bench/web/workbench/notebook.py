@@ -21,10 +21,10 @@ from pathlib import Path
 import bench
 
 archive = Path({archive})  # the folder of the runs
-runs = [bench.open(archive / run) for run in {runs}]
-check = [bench.open(archive / run) for run in {check}]  # no fit sees them
+runs = [bench.open(archive / run{output}) for run in {runs}]
+check = [bench.open(archive / run{output}) for run in {check}]  # no fit sees them
 static = {static}  # tells the noise
-sisters = [bench.open(archive / run) for run in {sisters}]  # of units like it: how the noise drifts"""
+sisters = [bench.open(archive / run{output}) for run in {sisters}]  # of units like it: how the noise drifts"""
 _MODELS = """\
 import tempfile
 
@@ -63,9 +63,10 @@ def notebook(request: Request, body: NotebookRequest, here: Here) -> dict[str, A
     body.resolved(request)
     archive = here.out.resolve() if request.app.state.access.open else Path("reports")
     texts = [model.model().to_yaml() for model in body.models]
-    opened = f"bench.open(archive / {body.static!r})" if body.static else "None"
+    output = f", output={body.output!r}" if body.output else ""
+    opened = f"bench.open(archive / {body.static!r}{output})" if body.static else "None"
     runs = {"runs": body.runs, "check": body.check, "sisters": body.sisters}
-    begin = _OPEN.format(archive=repr(str(archive)), static=opened, **runs)
+    begin = _OPEN.format(archive=repr(str(archive)), static=opened, output=output, **runs)
     title = f"# {', '.join(body.runs)}: {body.models[-1].name}"
     return _notebook([
         ("markdown", f"{title}\n\nMade from the workbench. It needs `pip install 'gyro-thermal-bench[notebook]'`."),

@@ -134,14 +134,14 @@ function Bench({ session, models }) {
   </div>`;
 }
 
-/** States of the chosen runs by their ids; null for one that the server does not have, as after a mistyped address. */
-function useStates(chosen) {
+/** What the server tells of the chosen runs by their ids; null for one that it does not have, as after a mistyped address. */
+function useTold(chosen) {
   const [states, setStates] = useState({});
   useEffect(() => {
     for (const { run } of chosen) {
       const [unit, folder] = run.split("/");
-      const told = (state) => setStates((before) => ({ ...before, [run]: state }));
-      api.get(api.url`/runs/${unit}/${folder ?? ""}`).then((found) => told(found.state), (error) => error.status === 404 && told(null));
+      const told = (found) => setStates((before) => ({ ...before, [run]: found }));
+      api.get(api.url`/runs/${unit}/${folder ?? ""}`).then(told, (error) => error.status === 404 && told(null));
     }
   }, [chosen.map(({ run }) => run).join()]);
   return states;
@@ -177,15 +177,20 @@ export function Page({ query = {} }) {
     setMode("bench");
   };
   const compare = (run) => act({ type: "view", view: { compare: run } });
-  const states = useStates(chosen);
-  const unknown = chosen.find(({ run }) => states[run] === null)?.run;
+  const told = useTold(chosen);
+  const unknown = chosen.find(({ run }) => told[run] === null)?.run;
+  const outputs = told[chosen[0]?.run]?.outputs ?? [];
+  const unchosen = outputs.length > 0 && !outputs.includes(session.output);
+  useEffect(() => {
+    if (unchosen) act({ type: "output", output: outputs[0] });
+  }, [unchosen]);
   const adding = mode === "add" && chosen.length > 0;
   const choosing = !chosen.length || mode === "other" || adding;
   const taken = new Set(chosen.map((one) => one.run));
   return html`<div class="wb">
     <h1 class=${choosing ? "" : "unseen"}>${t("workbench.title")}</h1>
     ${choosing && !adding && html`<p class="wb-lead">${t("workbench.lead")}</p>`}
-    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} states=${states} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
+    ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} told=${told} outputs=${outputs} output=${session.output} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}

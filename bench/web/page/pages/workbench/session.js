@@ -20,7 +20,7 @@ export function likelyRole(row, chosen) {
 
 /** Runs of `rows` that belong to `row`: one check run and one isothermal run of the same days. */
 export function companions(row, rows) {
-  const near = rows.filter((one) => one.run !== row.run && one.unit === row.unit
+  const near = rows.filter((one) => one.run !== row.run && one.unit === row.unit && !one.corrected
     && Math.abs(Date.parse(one.start) - Date.parse(row.start)) < NEAR_MS);
   const check = isCheck(row) ? undefined : near.find((one) => isCheck(one));
   const still = isStatic(row) ? undefined : near.find((one) => isStatic(one));
@@ -28,7 +28,7 @@ export function companions(row, rows) {
 }
 
 /** Actions that do not make an entry of the history. */
-const SILENT = ["settle", "zoom"];
+const SILENT = ["settle", "zoom", "output"];
 
 const read = () => stateOf(location.search, history.state);
 
@@ -43,7 +43,7 @@ export function useSession() {
   return useMemo(() => {
     const state = read();
     const of = (role) => state.chosen.filter((one) => one.role === role).map((one) => one.run);
-    const runs = of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null, sisters: of("sister") } : null;
+    const runs = of("fit").length ? { runs: of("fit"), check: of("check"), static: of("static")[0] ?? null, sisters: of("sister"), output: state.output || null } : null;
     const model = state.steps[state.at].model;
     const before = state.steps[state.at - 1]?.model ?? null;
     return { ...state, address: addressOf(state), steps: state.steps.slice(0, state.at + 1), undone: state.steps.length - state.at - 1, runs, act, model, before };

@@ -12,7 +12,7 @@ export function change(state, action) {
   const grown = (next, name) => ({ ...state, steps: [...steps.slice(0, at + 1), { model: next, label: name }], at: at + 1, picture: "" });
   switch (action.type) {
     case "choose":
-      return { ...state, chosen: action.runs, steps: steps.slice(0, 1), at: 0, of: "", zoom: "", picture: "", compare: "" };
+      return { ...state, chosen: action.runs, steps: steps.slice(0, 1), at: 0, of: "", zoom: "", picture: "", compare: "", output: "" };
     case "take":
       return { ...state, chosen: [...chosen.filter((one) => one.run !== action.run.run), action.run] };
     case "drop":
@@ -43,6 +43,8 @@ export function change(state, action) {
       return { ...state, at: Math.min(steps.length - 1, at + 1), picture: "" };
     case "view":
       return { ...state, picture: "", ...action.view };
+    case "output":
+      return { ...state, output: action.output, picture: "" };
     case "zoom":
       return { ...state, zoom: action.zoom };
     default:
@@ -52,8 +54,8 @@ export function change(state, action) {
 
 /** Parameters of the address by role of a run. */
 const PARAMETERS = { fit: "run", check: "check", static: "static", sister: "sister" };
-/** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, selected range of time or temperature, run to compare with. */
-const VIEW = { figure: "time", of: "", over: "temperature", left: "", picture: "", zoom: "", compare: "" };
+/** What is shown, by parameter of the address, and its default: figure, its run, its abscissa, residual in the loop, picture of a suspect, selected range of time or temperature, run to compare with, which of several outputs. */
+const VIEW = { output: "", figure: "time", of: "", over: "temperature", left: "", picture: "", zoom: "", compare: "" };
 /** Whether two models are the same. */
 export const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
