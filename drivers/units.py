@@ -37,6 +37,7 @@ _SPELLINGS = {
     "deg_h": "degree/hour", "deg_hr": "degree/hour", "deg/hr": "degree/hour", "deg_s": "degree/second",
     "mv": "millivolt", "v": "volt", "uv": "microvolt", "hz": "hertz", "khz": "kilohertz", "mhz": "",
     "s": "second", "sec": "second", "ms": "millisecond", "us": "microsecond", "ns": "nanosecond", "min": "minute",
+    "mps2": "meter/second**2", "m_s2": "meter/second**2", "m/s2": "meter/second**2", "m/s/s": "meter/second**2",
     "h": "hour", "hr": "hour", "grad": "", "grad/s": "", "grad/h": "", "grad/sec": "", "grad/min": "", "grad_s": "",
 }  # fmt: skip
 """Spellings of the trade where pint reads something else (C is coulomb to it) or nothing; "" is ambiguous."""

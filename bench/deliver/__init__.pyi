@@ -72,6 +72,7 @@ from .report.figures_workbench import zeros_of as zeros_of
 from .report.html import Headline as Headline
 from .report.html import html_page as html_page
 from .report.html import write_report as write_report
+from .report.imu_figures import AXIS_COLOURS as AXIS_COLOURS
 from .report.imu_page import write_imu_report as write_imu_report
 from .report.markup import Row as Row
 from .report.markup import Section as Section

@@ -14,7 +14,7 @@ from bench.acquisition.importer.plan import load_columns, write_import
 from bench.analysis.noise.floor import noise_floor
 from bench.base.errors import InputError
 from bench.commands.analysis import usual_means
-from bench.record import apart, dataset, load
+from bench.record import apart, load
 from bench.record.folder import open_run
 from bench.record.samples import read_samples
 from tests.support.tables import imported, loop, write
@@ -64,7 +64,7 @@ def table_of_loop(tmp_path):
 def test_an_import_is_a_run_folder_that_the_analysis_reads(tmp_path):
     plan = imported(table_of_loop(tmp_path), serial="G 7")
     run = write_import(plan, tmp_path / "reports")
-    found = dataset.load(run.path)
+    found = load(run.path)
     time, rate, degc = loop()
     np.testing.assert_allclose(found.channel("rate"), np.interp(found.time, time, rate), rtol=2e-3)
     np.testing.assert_allclose(found.channel("temperature"), np.interp(found.time, time, degc), atol=0.2)

@@ -68,6 +68,22 @@ def test_a_unit_behind_an_underscore_is_read(tmp_path, header, channel, value):
     np.testing.assert_allclose(plan.channels[channel], value)
 
 
+@pytest.mark.parametrize("unit", ["mps2", "m/s2", "m/s^2", "m s-2"])
+def test_accelerations_beside_three_rates_are_taken_with_their_unit(tmp_path, unit):
+    header = ",".join([f"g{axis}_dph" for axis in "xyz"] + [f"a{axis} [{unit}]" for axis in "xyz"])
+    if unit == "mps2":
+        header = header.replace(" [mps2]", "_mps2")
+    plan = imported(write(tmp_path, f"time_s,temp_C,{header}\n0,20,1,2,3,0,0,9.8\n1,21,1,2,3,0,0,9.8\n"))
+    assert plan.channels["acceleration_z"].tolist() == [9.8, 9.8]
+
+
+def test_a_column_of_sample_numbers_is_no_time_until_the_step_is_stated(tmp_path):
+    path = write(tmp_path, "sample,rate [deg/h],temp [degC]\n0,1,20\n1,1,21\n")
+    assert "nothing says how long one takes" in refusal(path, ColumnMap(time={"column": "sample"}))
+    assert imported(path, ColumnMap(time={"column": "sample", "rate_hz": 200})).time.tolist() == [0.0, 0.005]
+    assert imported(path, ColumnMap(time={"column": "sample", "unit": "ms"})).time.tolist() == [0.0, 0.001]
+
+
 @pytest.mark.parametrize("words", [("ON", "off"), ("True", "False"), ("yes", "no")])
 def test_words_of_a_switch_are_one_and_nought(tmp_path, words):
     on, off = words

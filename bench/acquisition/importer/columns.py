@@ -237,9 +237,13 @@ def _triads(table: Table, taken: set[str | None], obvious: Mapping[str, list[str
 def find_time(table: Table, columns: ColumnMap) -> TimeSource:
     """Where time comes from; InputError when neither the map nor a header says."""
     if columns.time is not None:
-        if columns.time.column is not None:
-            _existing(table, "time", columns.time.column)
-        return columns.time
+        source = columns.time
+        if source.column is not None:
+            _existing(table, "time", source.column)
+            stated = source.unit or source.step_s or split_header(source.column, table.units.get(source.column))[1]
+            if not stated and _word(source.column) in _COUNTERS:
+                raise _counter(table, source.column)
+        return source
     candidates = _obvious(table, set()).get("time", [])
     if len(candidates) == 1:
         _existing(table, "time", candidates[0])
@@ -249,10 +253,14 @@ def find_time(table: Table, columns: ColumnMap) -> TimeSource:
         raise UnclearColumnError(f"several columns could be time: {', '.join(candidates)}", advice, table)
     counters = [name for name in table.columns if _word(name) in _COUNTERS]
     if counters:
-        advice = f"say it in a column map, `time: {{column: {counters[0]}, interval_s: …}}`"
-        raise UnclearColumnError(f"'{counters[0]}' counts samples, and nothing says how long one takes", advice, table)
+        raise _counter(table, counters[0])
     advice = "name it in a column map, `time: {column: …, unit: s}` or `time: {rate_hz: …}`"
     raise UnclearColumnError(f"no column is time; {_has(table)}", advice, table)
+
+
+def _counter(table: Table, name: str) -> UnclearColumnError:
+    advice = f"say it in a column map, `time: {{column: {name}, interval_s: …}}`"
+    return UnclearColumnError(f"'{name}' counts samples, and nothing says how long one takes", advice, table)
 
 
 def time_conversion(table: Table, source: TimeSource) -> Conversion:

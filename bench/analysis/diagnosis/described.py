@@ -81,7 +81,9 @@ def sentence(best: DescribedFormula) -> str:
     like = f", {best.like}" if best.like else ""
     beside = f" beside {', '.join(best.beside)}" if best.beside else ""
     text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; {best.weighed})."
-    text += f" With it {best.proof.words}; add it with bench add {best.added}."
+    unjudged = best.proof.falls is None
+    text += f" No unseen data can judge it: {best.proof.unjudged}" if unjudged else f" With it {best.proof.words}"
+    text += f"; add it with bench add {best.added}."
     if best.equivalent:
         text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."
     return text + (f" Caution: {best.caution}." if best.caution else "")

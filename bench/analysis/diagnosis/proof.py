@@ -95,10 +95,15 @@ class Proof:
         return _UNSEEN.get(self.by, "unseen data")
 
     @property
+    def unjudged(self) -> str:
+        """Why no unseen data can judge it."""
+        return self.reason or "no error on unseen data is known"
+
+    @property
     def words(self) -> str:
         """The change of the error, and what it lacks of a proof."""
         if self.falls is None:
-            return f"no unseen data can judge it: {self.reason or 'no error on unseen data is known'}"
+            return f"no unseen data can judge it: {self.unjudged}"
         change = f"the error on {self.unseen} changes from {number(self.before_dph)} to {number(self.after_dph)} deg/h"
         if self.falls:
             return f"{change}, but {self.doubt}" if self.doubt else change

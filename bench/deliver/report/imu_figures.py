@@ -16,7 +16,7 @@ from bench.deliver.report.plotting import BLUE, GREEN, VERMILION, Plot, axis
 from bench.record import AXES, ImuRecord, ImuTriad
 
 _POINTS = 61
-COLOURS = (BLUE, VERMILION, GREEN)
+AXIS_COLOURS = (BLUE, VERMILION, GREEN)
 """Of x, y and z."""
 _PALE = ("rgba(0,114,178,0.22)", "rgba(213,94,0,0.22)", "rgba(0,158,115,0.22)")
 _GAP = 0.075
@@ -63,9 +63,9 @@ def _columns(triad: ImuTriad, kind: str, unit: str, grid: FloatArray, values: Va
             first = parameter.towards is not None and not any(trace.name == name for trace in traces)
             legend = {**shown, "showlegend": first, "legendrank": number}
             traces += [
-                plotting.line_trace(grid, value, name, COLOURS[number], yaxis=f"y{upper}", **legend,
+                plotting.line_trace(grid, value, name, AXIS_COLOURS[number], yaxis=f"y{upper}", **legend,
                                     hovertemplate="%{x:.1f} °C: %{y:.5g}"),
-                plotting.line_trace(grid, U, name, COLOURS[number], yaxis=f"y{lower}", **shown, dash="dot",
+                plotting.line_trace(grid, U, name, AXIS_COLOURS[number], yaxis=f"y{lower}", **shown, dash="dot",
                                     hovertemplate="%{x:.1f} °C: U = %{y:.3g}"),
             ]  # fmt: skip
         own = {"domain": [low, low + width], "anchor": f"y{lower}"}
@@ -96,7 +96,7 @@ def residuals(record: ImuRecord, triad: ImuTriad) -> Plot:
     """What the fit left, over time and over the temperature of each axis."""
     hours = np.array(record.time_s) / HOUR_S
     traces = []
-    for stored, colour in zip(triad.axes, COLOURS, strict=True):
+    for stored, colour in zip(triad.axes, AXIS_COLOURS, strict=True):
         left, warm = np.array(stored.residual), np.array(stored.temperature_degc)
         own: dict[str, Any] = {"legendgroup": stored.axis, "size": 5}
         traces.append(plotting.dot_trace(hours, left, f"{triad.kind} {stored.axis}", colour, **own))

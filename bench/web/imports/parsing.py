@@ -127,12 +127,13 @@ def _understood(plan: ImportPlan) -> dict[str, Any]:
 
 def _figure(plan: ImportPlan) -> dict[str, Any]:
     """Temperature and rate over time as the import would store them."""
-    from bench.deliver import BLUE, VERMILION, axis, line_trace, plot, thin
+    from bench.deliver import AXIS_COLOURS, ORANGE, axis, line_trace, plot, thin
 
     hours = plan.time / 3600
     traces = []
-    lines = [(name, VERMILION, "y") for name in THERMOMETERS if name in plan.channels][:1]
-    lines += [(name, BLUE, "y2") for name in RATES if name in plan.channels]
+    lines = [(name, ORANGE, "y") for name in THERMOMETERS if name in plan.channels][:1]
+    rates = [name for name in RATES if name in plan.channels]
+    lines += [(name, colour, "y2") for name, colour in zip(rates, AXIS_COLOURS, strict=False)]
     for name, colour, where in lines:
         rows = thin(plan.channels[name], _DRAWN)
         traces.append(line_trace(hours[rows], plan.channels[name][rows], name, colour, yaxis=where, width=1.3))
@@ -140,7 +141,7 @@ def _figure(plan: ImportPlan) -> dict[str, Any]:
         "xaxis": axis("time [h]", anchor="y2"),
         "yaxis": axis("temperature [°C]", domain=[0.56, 1.0]),
         "yaxis2": axis("rate [deg/h]", domain=[0.0, 0.44], anchor="x"),
-        "showlegend": False,
+        "showlegend": len(rates) > 1,
     }
     return plot(traces, layout, 360)
 

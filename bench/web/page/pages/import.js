@@ -51,17 +51,28 @@ function Waiting({ kinds, goOn, giveUp }) {
 function columnsOf(chosen) {
   const out = {};
   for (const [channel, { column, unit }] of Object.entries(chosen)) {
-    if (column) out[channel] = unit ? { column, unit } : { column };
+    const step = channel === "time" ? stepOf(unit) : null;
+    if (column || step) out[channel] = { ...(column ? { column } : {}), ...(step ?? (unit ? { unit } : {})) };
   }
   return out;
 }
+
+/** How long a sample takes, as "0.005 s" or "200 Hz", in the form of the API; null for a mere unit. */
+function stepOf(unit) {
+  const [, size, kind] = /^([\d.,]+(?:e-?\d+)?)\s*(s|ms|Hz)$/i.exec(unit) ?? [];
+  const value = Number(size?.replace(",", "."));
+  if (!(value > 0)) return null;
+  return kind.toLowerCase() === "hz" ? { rate_hz: value } : { interval_s: kind === "ms" ? value / 1000 : value };
+}
+
+const stepSaid = ({ interval_s, rate_hz }) => (interval_s ? `${interval_s} s` : rate_hz ? `${rate_hz} Hz` : "");
 
 /** Columns without a channel that have a button. */
 const MOST_OFFERED = 8;
 
 /** The recognised content as the initial choice. */
 function choiceOf(understood) {
-  const out = { time: { column: understood.time.column ?? "", unit: understood.time.unit ?? "" } };
+  const out = { time: { column: understood.time.column ?? "", unit: understood.time.unit ?? stepSaid(understood.time) } };
   for (const one of understood.channels) out[one.channel] = { column: one.column, unit: one.unit };
   return out;
 }
@@ -72,16 +83,18 @@ function guessOf({ guess, columns }) {
   return Object.fromEntries(Object.entries(guess).map(([channel, column]) => [channel, { column, unit: unit(column) }]));
 }
 
-function Channel({ kind, seen, columns, choice, change }) {
+const AXES = ["rate_x", "rate_y", "rate_z"];
+
+function Channel({ kind, needed, seen, columns, choice, change }) {
   const known = columns.find((one) => one.name === (choice.column || seen?.column));
   const id = `unit-${kind.name}`;
   const word = channelWord(kind.name);
   return html`<tr class=${choice.column ? "" : "unused"}>
-    <th scope="row">${word}${kind.required && html`<span class="soft small"> · ${t("import.required")}</span>`}</th>
+    <th scope="row">${word}${needed && html`<span class="soft small"> · ${t("import.required")}</span>`}</th>
     <td><select aria-label=${t("import.column_of", { channel: word })} value=${choice.column} onChange=${(event) => change({ column: event.target.value, unit: columns.find((one) => one.name === event.target.value)?.unit ?? "" })}>
       <option value="" selected=${!choice.column}>–</option>
       ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
-    <td><${TextField} list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column} onGiven=${(unit) => change({ ...choice, unit: unit.trim() })} />
+    <td><${TextField} list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column && kind.name !== "time"} onGiven=${(unit) => change({ ...choice, unit: unit.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
     <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
     <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => sig(value, 4)).join(", ") : ""}</td></tr>`;
@@ -91,14 +104,16 @@ function Understood({ shown, kinds, choice, change, busy }) {
   const { understood, columns } = shown;
   const seen = (name) => understood?.channels.find((one) => one.channel === name);
   const used = new Set([understood?.time.column, ...(understood?.channels ?? []).map((one) => one.column)]);
-  const there = ({ name, required }) => required || Boolean(choice[name]?.column);
+  const axes = AXES.some((name) => choice[name]?.column);
+  const needed = ({ name, required }) => required && !(name === "rate" && axes);
+  const there = (kind) => needed(kind) || Boolean(choice[kind.name]?.column);
   const table = (channels) => html`<div class="scroll"><table class="st-map"><thead><tr><th scope="col">${t("import.channel")}</th><th scope="col">${t("import.column")}</th><th scope="col">${t("import.unit")}</th><th scope="col" class="n">${t("import.range")}</th><th scope="col" class="wide">${t("import.first")}</th></tr></thead>
-    <tbody>${channels.map((kind) => html`<${Channel} key=${kind.name} kind=${kind} columns=${columns} seen=${seen(kind.name)} choice=${choice[kind.name] ?? { column: "", unit: "" }} change=${(next) => change(kind.name, next)} />`)}</tbody></table></div>`;
+    <tbody>${channels.map((kind) => html`<${Channel} key=${kind.name} kind=${kind} needed=${needed(kind)} columns=${columns} seen=${seen(kind.name)} choice=${choice[kind.name] ?? { column: "", unit: "" }} change=${(next) => change(kind.name, next)} />`)}</tbody></table></div>`;
   const rest = understood ? columns.filter((one) => !used.has(one.name)) : [];
   const spare = kinds.channels.find(({ name }) => name.startsWith("other_") && !choice[name]?.column)?.name;
   return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
       ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
-    ${shown.problem && html`<div class="notice warn" role="alert"><p><${Said} text=${shown.problem} /></p></div>`}
+    ${shown.problem && html`<div class="notice warn" role="alert"><p><${Said} text=${shown.problem} /></p>${!understood && !choice.time?.column && html`<p class="small">${t("import.step")}</p>`}</div>`}
     ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
     ${table(kinds.channels.filter(there))}
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
