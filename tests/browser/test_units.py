@@ -145,6 +145,25 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     page.get_by_role("cell", name="Import: лог 7.csv").wait_for()
 
 
+def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tmp_path):
+    path = tmp_path / "counted.csv"
+    rows = "".join(f"{i},{i % 3},{i % 5},1,{20 + i / 100}\n" for i in range(400))
+    path.write_text(f"sample,gx_dph,gy_dph,gz_dph,temp_C\n{rows}")
+    page.goto("/import")
+    page.locator("input[type=file]").set_input_files(str(path))
+    page.get_by_text("counts samples, and nothing says how long one takes").wait_for()
+    time = page.get_by_label("Column of: Time", exact=True)
+    time.select_option("sample")
+    page.get_by_text("counts samples, and nothing says how long one takes").wait_for()
+    unit = page.get_by_label("Unit of: Time", exact=True)
+    unit.fill("5 Hz")
+    unit.press("Tab")
+    page.get_by_text("400 rows over 1 min 20 s, one every 0.2").wait_for()
+    assert unit.input_value() == "5 Hz"
+    assert not page.get_by_label("Column of: Rate (gyro output)", exact=True).is_visible(), "three axes are enough"
+    page.get_by_text("rate_y").first.wait_for()
+
+
 def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tmp_path):
     page.goto("/import")
     bad = tmp_path / "bomb.parquet"

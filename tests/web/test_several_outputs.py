@@ -1,4 +1,4 @@
-"""A unit with several outputs in the page: its run is measured, and the workbench looks at one output after the other."""
+"""A unit with several outputs in the page: its run is measured, and the workbench looks at one output at a time."""
 
 from __future__ import annotations
 
@@ -67,5 +67,5 @@ def test_a_run_of_several_outputs_is_measured_and_not_empty(tmp_path: Path) -> N
 
 def test_an_axis_of_a_run_in_several_attitudes_is_not_fitted_alone(tmp_path: Path) -> None:
     run = bench.open(made(tmp_path, stood=True), output="rate_x")
-    with pytest.raises(InputError, match="stood in 2 attitudes.*`bench imu` fits all axes"):
+    with pytest.raises(InputError, match=r"stood in 2 attitudes.*`bench imu` fits all axes"):
         run.fit("polynomial")
