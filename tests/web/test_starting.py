@@ -120,6 +120,8 @@ def test_a_plan_brings_the_limits_and_models_of_the_calibration_that_it_belongs_
     assert told["quick_calibration"] == told["quick_check"] == ("quick", ["spline_lag_loop", "polynomial"])
     assert told["ramp_-40_85"] == ("vibratory", ["spline_lag_loop", "spline"])
     assert told["quick"] == ("", [])
+    verified = {plan["id"]: plan["verification"] for plan in answer["plans"]}
+    assert (verified["quick_calibration"], verified["quick_check"]) == ("quick_check", "")
 
 
 def test_a_run_goes_to_its_verdict_and_is_announced(settings):

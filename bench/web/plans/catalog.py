@@ -53,7 +53,7 @@ class Catalog:
         return _listing(library() / "plans", self.project / "profiles" / "plans")
 
     def belonging(self) -> dict[str, dict[str, Any]]:
-        """Limits and models of the calibration plans, by the profiles that they calibrate and verify with.
+        """Limits, models and verification of the calibration plans, by the profiles that they calibrate and verify with.
 
         A plan that cannot be read gives nothing: `bench calibrate` says what is wrong with it.
         """
@@ -64,8 +64,9 @@ class Catalog:
                 known = load_config(file, CalibrationPlan)
                 name = Path(known.limits).stem
                 belongs = {"limits": name if name in limits else "", "models": list(known.models)}
-                for profile in (known.profile, known.verification):
-                    found.setdefault(Path(profile).stem, belongs)
+                profile, verification = Path(known.profile).stem, Path(known.verification).stem
+                found.setdefault(profile, belongs | {"verification": verification})
+                found.setdefault(verification, belongs)
         return found
 
     def model(self, name: str) -> str:

@@ -35,6 +35,8 @@ class Plan(BaseModel):
     """Limits of the calibration plan that uses this profile; empty without one."""
     models: list[str] = []
     """Models of that plan."""
+    verification: str = ""
+    """Profile that verifies the calibrations by this one in that plan; empty for another use."""
     problem: str = ""
 
 

@@ -107,12 +107,14 @@ function InTheUnit({ path, run }) {
   const { data: limits } = useGet("/limits");
   const [place, setPlace] = useState("");
   const [plan, setPlan] = useState("");
-  const [within, setWithin] = useState("");
+  const [limit, setLimit] = useState(/** @type {string | null} */ (null));
   const [state, setState] = useState(/** @type {{busy?: boolean, done?: boolean, error?: any}} */ ({}));
   const there = (stations?.stations ?? []).filter((one) => one.units.includes(run.unit));
   const station = place || (there.find((one) => one.title === run.manifest.station) ?? there[0])?.id;
-  const others = (plans?.plans ?? []).filter((one) => !one.problem && one.name !== run.manifest.profile && one.kind === "temperature");
-  const chosen = plan || others[0]?.id;
+  const own = plans?.plans.find((one) => one.name === run.manifest.profile);
+  const others = (plans?.plans ?? []).filter((one) => !one.problem && one !== own && one.kind === (own?.kind ?? "temperature"));
+  const chosen = plan || (others.find(({ id }) => id === own?.verification) ?? others[0])?.id;
+  const within = limit ?? own?.limits ?? "";
   const begin = async (act) => {
     setState({ busy: true });
     try {
@@ -128,7 +130,7 @@ function InTheUnit({ path, run }) {
     return {};
   });
   if (!may("operator")) return null;
-  const options = (all) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id}>${kind ? planTitle({ id, title }) : limitsName(id, title)}</option>`);
+  const options = (all, current) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id} selected=${id === current}>${kind ? planTitle({ id, title }) : limitsName(id, title)}</option>`);
   return html`<${Part} name="unit">
     ${stations && !station && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
     ${station && html`<div class="run-fields">
@@ -136,8 +138,8 @@ function InTheUnit({ path, run }) {
       <${OperatorField} /></div>
       <p><button type="button" disabled=${state.busy} onClick=${flash}>${t("run.flash.do")}</button></p>
       <div class="run-fields">
-        <div class="field"><label for="run-plan">${t("run.verify.plan")}</label><select id="run-plan" value=${chosen} onChange=${(event) => setPlan(event.target.value)}>${options(others)}</select></div>
-        <div class="field"><label for="run-limits">${t("ready.limits")}</label><select id="run-limits" value=${within} onChange=${(event) => setWithin(event.target.value)}><option value="">${t("ready.no_limits")}</option>${options(limits?.limits ?? [])}</select></div></div>
+        <div class="field"><label for="run-plan">${t("run.verify.plan")}</label><select id="run-plan" value=${chosen} onChange=${(event) => setPlan(event.target.value)}>${options(others, chosen)}</select></div>
+        <div class="field"><label for="run-limits">${t("ready.limits")}</label><select id="run-limits" value=${within} onChange=${(event) => setLimit(event.target.value)}><option value="" selected=${!within}>${t("ready.no_limits")}</option>${options(limits?.limits ?? [], within)}</select></div></div>
       <p><button type="button" disabled=${state.busy} onClick=${verify}>${t("run.verify.do")}</button></p>`}
     <div role="status">${state.busy && html`<${Busy}>${t("ready.starting_long")}<//>`}${state.done && html`<${Lamp} tone="good">${t("run.flash.done")}<//>`}</div>
     <${Trouble} error=${state.error} />
