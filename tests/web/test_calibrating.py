@@ -97,6 +97,18 @@ def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_ab
     }
 
 
+def test_calibrations_of_the_command_line_are_listed_too(settings):
+    plan = settings.project / "profiles" / "plans" / "brief.yaml"
+    station = settings.project / "profiles" / "stations" / "bare.yaml"
+    asked = ["--plan", str(plan), "--station", str(station), "--out", str(settings.out), "--json"]
+    CliRunner().invoke(main, ["calibrate", "--unit", "GX-0901@BARE-1", *asked])
+    with served(settings) as client:
+        (listed,) = client.get("/api/v1/calibrations").json()["jobs"]
+        assert (listed["unit"], listed["state"], listed["start"]) == ("GX-0901", "failed", None)
+        refused = client.post(f"/api/v1/calibrations/{listed['job']}/continue", json={})
+        assert (refused.status_code, "`bench calibrate --unit GX-0901` goes on" in refused.text) == (409, True)
+
+
 @pytest.mark.slow
 def test_a_calibration_waits_for_its_station_and_may_be_taken_out_of_the_queue(settings):
     with served(settings) as client:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from bench.record import JobRecord, StoredCase, StoredStep, slug
 from bench.web.ground.problems import within
 from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
-from bench.web.live.finding import folder_of
+from bench.web.live.finding import folder_of, inside
 from bench.web.live.live import watcher_of
 from bench.web.live.starting import Start, begun, named_by, starts_of
 from bench.web.live.starts import Order, jobs_of, serial_of
@@ -30,9 +31,12 @@ from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Name
 
 router = APIRouter(tags=["calibrating"])
+
 Id = Annotated[str, Part(min_length=1, max_length=200)]
 
 GOING = ("waiting", "starting", "running")
+_MOST_ELSEWHERE = 40
+"""Calibrations of the command line that are listed."""
 
 
 class Intended(BaseModel):
@@ -120,7 +124,7 @@ class Job(BaseModel):
 
 
 class Calibrations(BaseModel):
-    """Calibrations that the page started, newest first, and all that waits for its station, first what is next."""
+    """Calibrations of the page and the newest of the command line, newest first; what waits, first what is next."""
 
     waiting: list[Start]
     jobs: list[Job]
@@ -144,14 +148,28 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
 
 @router.get("/calibrations")
 def calibrations(request: Request, here: Here) -> Calibrations:
-    """Calibrations that the page started."""
-    listed = starts_of(request).listed()
-    found = {pair: start for start in reversed(listed) for pair in jobs_of(start)}
-    jobs = [job for pair in reversed(found) if (job := _newest(*pair, here)) is not None]
+    """Calibrations that the page started, and the newest that `bench calibrate` made."""
+    pairs = {pair for start in starts_of(request).listed() for pair in jobs_of(start)}
+    own = {folder for pair in pairs if (folder := _newest(*pair, here)) is not None}
+    jobs = [_told(folder, request) for folder in own | _made_elsewhere(here) if sound(JobRecord, folder) is not None]
     return Calibrations(
         waiting=[Start(**start) for start in starts_of(request).waiting()],
-        jobs=[_told(folder, request) for folder in jobs if sound(JobRecord, folder) is not None],
+        jobs=sorted(jobs, key=lambda job: (job.created, job.job), reverse=True),
     )
+
+
+def _made_elsewhere(here: Settings) -> set[Path]:
+    """Folders of the newest jobs of the units whose folders changed last: they have to be found among many others."""
+    units = sorted(inside(here.out), key=_changed_ns, reverse=True)[:_MOST_ELSEWHERE]
+    jobs = [Path(one.path) for unit in units for one in inside(unit.path) if "_calibrate_" in one.name]
+    return set(sorted(jobs, key=lambda folder: folder.name, reverse=True)[:_MOST_ELSEWHERE])
+
+
+def _changed_ns(folder: os.DirEntry[str]) -> int:
+    try:
+        return folder.stat().st_mtime_ns
+    except OSError:  # removed meanwhile
+        return 0
 
 
 @router.get("/starts/{start}/calibration")

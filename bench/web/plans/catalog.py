@@ -53,7 +53,7 @@ class Catalog:
         return _listing(library() / "plans", self.project / "profiles" / "plans")
 
     def belonging(self) -> dict[str, dict[str, Any]]:
-        """Limits, models and verification of the calibration plans, by the profiles that they calibrate and verify with.
+        """Limits, models and verification of the calibration plans, by the profiles that they use.
 
         A plan that cannot be read gives nothing: `bench calibrate` says what is wrong with it.
         """

@@ -1,4 +1,4 @@
-// Calibrations that were started from the page: what waits, what goes on, what is done; or one of them in full.
+// Calibrations: what waits, what goes on, what is done; or one of them in full.
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, post, remove, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
