@@ -237,6 +237,7 @@ def reveal(folder: Path, model: str) -> commands.Result:
 @path_option("--verify", "calibration", help="Instead: judge this calibration (folder or imu.json) by SOURCES.")
 @limits_option
 @answers
+@registers(begin=False)
 def imu(
     sources: tuple[Path, ...],
     plan_file: Path | None,

@@ -17,9 +17,10 @@ from sqlalchemy import select
 
 from bench.archive.registry.asking import runs as runs_of
 from bench.archive.registry.opening import Registry
+from bench.archive.registry.rows import IMU
 from bench.archive.registry.writing import TABLES
 from bench.base import InputError
-from bench.record import CertificateRecord, FlashRecord, VerificationRecord, slug
+from bench.record import CertificateRecord, FlashRecord, VerificationRecord, slug, whole_beside, whole_verified
 
 DAY_S = 86400.0
 _REFUSED = {"FAIL", "INVALID"}
@@ -68,7 +69,7 @@ def _run(run: Mapping[str, Any], archive: Archive) -> Found:
     folder = archive.folder(run)
     told = {key: run[key] for key in keys}
     try:
-        verified = VerificationRecord.find(folder) if folder else None
+        verified = (VerificationRecord.find(folder) or whole_verified(folder)) if folder else None
     except InputError:
         verified = VerificationRecord(verdict="damaged")
     if verified:
@@ -91,7 +92,8 @@ def calibrations(
         row = rows.get(run["id"])
         if row is None or row["model"] is None or run["corrected"]:
             continue
-        status = _status(run, row, held, passed_before=any(one["usable"] for one in out))
+        held_here = held in _names(run, row, archive)
+        status = "in_unit" if held_here else _status(run, row, passed_before=any(one["usable"] for one in out))
         certificate = numbers.get(run["id"])
         if certificate is not None:
             certificate = {**certificate, "pdf": certificate["number"] in printed}
@@ -104,9 +106,14 @@ def calibrations(
     return out
 
 
-def _status(run: Mapping[str, Any], row: Mapping[str, Any], held: str | None, passed_before: bool) -> str:
-    if held is not None and held == str(run["path"]).rpartition("/")[2]:
-        return "in_unit"
+def _names(run: Mapping[str, Any], row: Mapping[str, Any], archive: Archive) -> set[str]:
+    """Folders of a calibration: that of its run, or that of a whole inertial unit beside it."""
+    folder = archive.folder(run) if row["model"] == IMU else None
+    whole = None if folder is None else whole_beside(folder)
+    return {str(run["path"]).rpartition("/")[2]} if whole is None else {whole.name}
+
+
+def _status(run: Mapping[str, Any], row: Mapping[str, Any], passed_before: bool) -> str:
     if row["judged"] in _REFUSED or row["verdict"] in _UNPROVEN or run["state"] != "done":
         return "not_passed"
     return "superseded" if passed_before else "newest"

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from datetime import date
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import inspect
@@ -18,13 +19,19 @@ from bench.record import (
     CalibrationRecord,
     CertificateRecord,
     DiagnosisRecord,
+    ImuRecord,
+    ImuVerificationRecord,
+    Judged,
     LimitsRecord,
     LotRecord,
     RunFolder,
     StoredResidual,
     sha256,
+    whole_beside,
 )
 
+IMU = "imu"
+"""What stands for the model of a whole inertial unit."""
 Key = tuple[str, ...]
 Row = dict[str, Any]
 Rows = dict[str, dict[Key, Row]]
@@ -122,7 +129,9 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
     manifest = folder.manifest()
     path = place_of(folder, ledger)
     unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
-    certificate = CertificateRecord.find(folder.path)
+    whole = whole_beside(folder.path)
+    delivered = whole or folder.path
+    certificate = CertificateRecord.find(delivered)
     operator = manifest.operator
     # What compares runs compares those of one profile: outputs of a unit are never mixed.
     profile = manifest.profile if manifest.output == "rate" else f"{manifest.profile} {manifest.output}"
@@ -139,8 +148,13 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
         "software": manifest.versions.get("bench"),
         "manifest_sha256": sha256(folder.path / MANIFEST), "seen": seen.get(path, (None, ""))[0],
     })  # fmt: skip
-    calibration, judged = CalibrationRecord.find(folder.path), LimitsRecord.find(folder.path) or LimitsRecord()
-    if calibration is not None:
+    calibration = CalibrationRecord.find(folder.path)
+    judged: Judged = LimitsRecord.find(folder.path) or LimitsRecord()
+    if whole is not None:
+        put(rows, "calibrations", _whole(run, whole))
+        verified = ImuVerificationRecord.find(whole)
+        judged = verified.limits if verified and verified.limits else judged
+    elif calibration is not None:
         row = _calibration(run, calibration, sha256(folder.path / CalibrationRecord.FILE))
         put(rows, "calibrations", {**row, "judged": judged.verdict, "limits": judged.name})
     if (diagnosis := DiagnosisRecord.find(folder.path)) is not None:
@@ -148,9 +162,9 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
         put(rows, "diagnoses", {"run": run, "model": diagnosis.model, "verdict": diagnosis.verdict,
                                 "lacks": ",".join(diagnosis.lacks), "file_sha256": file_sha256})  # fmt: skip
     if certificate is not None:
-        put(rows, "certificates", _certificate(run, certificate, sha256(folder.path / CertificateRecord.FILE)))
-    for file in sorted(folder.path.glob("certificate*.json")):
-        one = CertificateRecord.read(folder.path, file.name)
+        put(rows, "certificates", _certificate(run, certificate, sha256(delivered / CertificateRecord.FILE)))
+    for file in sorted(delivered.glob("certificate*.json")):
+        one = CertificateRecord.read(delivered, file.name)
         if one.draft is None:
             put(rows, "issues", _issue(run, one, sha256(file)))
     for name, unit_of, value in _quantities(calibration or CalibrationRecord(), certificate, judged):
@@ -168,6 +182,23 @@ def _calibration(run: str, record: CalibrationRecord, file_sha256: str) -> Row:
         "model": record.calibration.model.name if record.calibration else None,
         "coefficients_sha256": hashlib.sha256(canonical.encode()).hexdigest() if fit else None,
         "validity": fit.get("validity"),
+        "file_sha256": file_sha256,
+    }
+
+
+def _whole(run: str, folder: Path) -> Row:
+    """The calibration of a whole inertial unit; nothing proves one that was not verified."""
+    record, verified = ImuRecord.read(folder), ImuVerificationRecord.find(folder)
+    low, high = record.range_degc
+    file_sha256 = sha256(folder / ImuRecord.FILE)
+    return {
+        "run": run,
+        "verdict": "unproven" if verified is None else None,
+        "judged": verified.verdict if verified else None,
+        "limits": verified.limits.name if verified and verified.limits else None,
+        "model": IMU,
+        "coefficients_sha256": file_sha256,
+        "validity": {"temperature": {"from": low, "to": high}},
         "file_sha256": file_sha256,
     }
 
@@ -204,7 +235,7 @@ _NOISE = {
 
 
 def _quantities(
-    calibration: CalibrationRecord, certificate: CertificateRecord | None, judged: LimitsRecord
+    calibration: CalibrationRecord, certificate: CertificateRecord | None, judged: Judged
 ) -> Iterator[tuple[str, str | None, float]]:
     """Name, unit and value of the numbers that describe the unit; a later one of the same name replaces an earlier."""
     noise, residual = calibration.noise, calibration.residual or StoredResidual()

@@ -305,6 +305,11 @@ class ImuCalibrated(Result):
         """1 where something is wrong, or is not determined."""
         return 1 if self.findings or self.undetermined else 0
 
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """Those beside it that it was fitted to."""
+        return record.fitted_runs(self.out) if self.out is not None and self.out.is_dir() else ()
+
 
 @dataclass(frozen=True)
 class ImuVerified(Result):
@@ -319,3 +324,8 @@ class ImuVerified(Result):
     def exit_code(self) -> int:
         """1 outside limits."""
         return int(not self.verification.verdict.within)
+
+    @property
+    def runs(self) -> tuple[Path, ...]:
+        """Those that the calibration was fitted to."""
+        return record.fitted_runs(self.calibration) if self.calibration.is_dir() else ()

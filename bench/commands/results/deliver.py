@@ -70,8 +70,8 @@ class ImuCertified(Certified):
 
     @property
     def runs(self) -> tuple[Path, ...]:
-        """None: its folder is no run."""
-        return ()
+        """Those that the calibration was fitted to: its folder is no run."""
+        return record.fitted_runs(self.run)
 
 
 @dataclass(frozen=True)

@@ -164,7 +164,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         diagnosis=diagnosis,
         files=_files(folder.path),
         outputs=_outputs(folder),
-        report=folder.report.is_file(),
+        report=folder.report.is_file() or (whole / "report.html").is_file(),
         certificate=(whole / "certificate.pdf").is_file(),
         steps=steps_of(folder.path),
         calibration=whole != folder.path or (own is not None and own.calibration is not None),
@@ -174,8 +174,10 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
 
 @router.get("/runs/{unit}/{run}/report", response_class=Response)
 def report(request: Request, unit: str, run: str) -> FileResponse:
-    """The run's HTML report, in a sandbox: its scripts reach neither the page nor the API."""
-    path = _existing(index_of(request).folder(unit, run) / "report.html", "report: make one with `bench report`")
+    """The run's HTML report, or that of the whole unit by it, in a sandbox: its scripts reach neither page nor API."""
+    folder = index_of(request).folder(unit, run)
+    own = folder if RunFolder(folder).report.is_file() else whole_of(folder)
+    path = _existing(own / "report.html", "report: make one with `bench report`")
     return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT})
 
 
