@@ -1,4 +1,4 @@
-"""Mechanisms of `outside_truths` that were written last: the grammar was not changed after they were counted."""
+"""Mechanisms of `outside_truths` that were written last; each group was counted before the grammar was changed."""
 
 from __future__ import annotations
 
@@ -104,6 +104,105 @@ def sagging_reference(w: World, rng: np.random.Generator) -> FloatArray:
     return sag * w.quadrature
 
 
+def wetted_epoxy(w: World, rng: np.random.Generator) -> FloatArray:
+    """Epoxy takes up moisture from cold air and gives it off to warm air, faster when the case is warm."""
+    tau_s, dry, warm = log_uniform(rng, 2000, 8000), rng.uniform(15.0, 40.0), rng.uniform(20.0, 45.0)
+    level, wet = float(np.exp(-w.air[0] / dry)), np.empty(len(w.case))
+    for second, (air, case) in enumerate(zip(w.air.tolist(), w.case.tolist(), strict=True)):
+        level += (np.exp(-air / dry) - level) * np.exp((case - 25.0) / warm) / tau_s
+        wet[second] = level
+    return wet
+
+
+def magnet_of_the_drive(w: World, rng: np.random.Generator) -> FloatArray:
+    """A magnet deep in the unit weakens as it warms; its force is in proportion to the drive."""
+    magnet = follows(follows(w.case, log_uniform(rng, 200, 600)), log_uniform(rng, 200, 600))
+    return (magnet - 25.0) * (w.drive - w.constant(np.mean(w.drive)))
+
+
+def thermocouple_of_two_solders(w: World, rng: np.random.Generator) -> FloatArray:
+    """Two joints of different mass are a thermocouple whose voltage is not linear."""
+    apart = follows(w.case, log_uniform(rng, 30, 90)) - follows(w.case, log_uniform(rng, 300, 900))
+    return apart * (1.0 + rng.uniform(0.3, 0.8) * apart / w.constant(np.max(np.abs(apart))))
+
+
+def soaked_dielectric(w: World, rng: np.random.Generator) -> FloatArray:
+    """A dielectric soaks up charge from the supply in two steps of different length."""
+    fast, slow = follows(w.supply, log_uniform(rng, 60, 200)), follows(w.supply, log_uniform(rng, 800, 3000))
+    return w.supply - 0.5 * fast - 0.5 * slow
+
+
+def valve_of_the_cooler(w: World, rng: np.random.Generator) -> FloatArray:
+    """A valve opens where the air is far below the case, shuts where it is not any more; its flow cools one side."""
+    wide, narrow = rng.uniform(4.0, 7.0), rng.uniform(0.5, 2.0)
+    is_open, flow = False, np.empty(len(w.case))
+    for second, apart in enumerate((w.case - w.air).tolist()):
+        is_open = apart > (narrow if is_open else wide)
+        flow[second] = float(is_open)
+    return follows(flow, log_uniform(rng, 60, 240))
+
+
+def ratchet_of_the_screw(w: World, rng: np.random.Generator) -> FloatArray:
+    """Each warming tightens a screw by a part of what is left, and cooling never loosens it."""
+    left, tight = 1.0, np.empty(len(w.case))
+    share, last = 1.0 / rng.uniform(40.0, 150.0), float(w.case[0])
+    for second, case in enumerate(w.case.tolist()):
+        left -= left * share * max(case - last, 0.0)
+        tight[second], last = 1.0 - left, case
+    return tight
+
+
+def seal_that_leaks(w: World, rng: np.random.Generator) -> FloatArray:
+    """Gas in a sealed case leaks through an orifice: by the root of the pressure, so that small ones stay."""
+    over, last, pressure = 0.0, float(w.case[0]), np.empty(len(w.case))
+    leak = 1.0 / rng.uniform(60.0, 300.0)
+    for second, case in enumerate(w.case.tolist()):
+        over += case - last
+        over -= np.sign(over) * min(leak * abs(over) ** 0.5, abs(over))
+        pressure[second], last = over, case
+    return pressure
+
+
+def stiff_grease(w: World, rng: np.random.Generator) -> FloatArray:
+    """A part is dragged through grease that is stiff in the cold, by how fast the case expands or shrinks."""
+    speed = follows(np.gradient(w.case) * 60.0, log_uniform(rng, 40, 160))
+    return speed * np.exp(-w.case / rng.uniform(18.0, 40.0))
+
+
+def hopping_laser(w: World, rng: np.random.Generator) -> FloatArray:
+    """A laser drifts with its lagging temperature and hops back by a mode."""
+    node, mode = follows(w.case, log_uniform(rng, 40, 200)), rng.uniform(14.0, 26.0)
+    return (node / mode + rng.uniform(0.0, 1.0)) % 1.0
+
+
+def overdriven_heater(w: World, rng: np.random.Generator) -> FloatArray:
+    """A guard acts on what the heater gave for long, beyond a threshold, and lets go slowly."""
+    given = follows(w.heater, log_uniform(rng, 200, 600))
+    return follows(np.maximum(given - w.constant(np.quantile(given, 0.6)), 0.0), log_uniform(rng, 100, 400))
+
+
+def ripple_of_the_oscillator(w: World, rng: np.random.Generator) -> FloatArray:
+    """What the supply adds to an oscillator is in proportion to how far its frequency is from the loop's centre."""
+    ripple = w.supply - follows(w.supply, log_uniform(rng, 100, 500))
+    return ripple * (w.frequency - w.constant(np.median(w.frequency)))
+
+
+def preload_that_slips(w: World, rng: np.random.Generator) -> FloatArray:
+    """A clamped plate slides where its strain exceeds the friction, which is larger in the cold."""
+    most, warm, bent, last, out = (
+        rng.uniform(4.0, 10.0),
+        rng.uniform(60.0, 140.0),
+        0.0,
+        float(w.case[0]),
+        np.empty(len(w.case)),
+    )
+    for second, case in enumerate(w.case.tolist()):
+        friction = most * (1.0 + (25.0 - case) / warm)
+        bent = min(max(bent + case - last, -friction), friction)
+        out[second], last = bent, case
+    return out
+
+
 GROUPS = {
     "after it had grown for the last time": (
         warped_board,
@@ -118,6 +217,20 @@ GROUPS = {
         two_paths_of_light,
         skin_of_ice,
         sagging_reference,
+    ),
+    "after check runs had come to order the formulas": (
+        wetted_epoxy,
+        magnet_of_the_drive,
+        thermocouple_of_two_solders,
+        soaked_dielectric,
+        valve_of_the_cooler,
+        ratchet_of_the_screw,
+        seal_that_leaks,
+        stiff_grease,
+        hopping_laser,
+        overdriven_heater,
+        ripple_of_the_oscillator,
+        preload_that_slips,
     ),
 }
 """By when they were written."""
