@@ -8,7 +8,7 @@ from .diagnosis.compare import compare as compare
 from .diagnosis.compare import error_of as error_of
 from .diagnosis.compare import ladder as ladder
 from .diagnosis.compare import plain_name as plain_name
-from .diagnosis.decision import bound_only as bound_only
+from .diagnosis.decision import bound_notes as bound_notes
 from .diagnosis.described import DescribedFormula as DescribedFormula
 from .diagnosis.diagnose import diagnose as diagnose
 from .diagnosis.every_sample import compare_every_sample as compare_every_sample

@@ -75,9 +75,14 @@ def explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
     return proof.proved and not _leaves_more(proof.after_dph, floor_dph, formula.residuals)
 
 
-def bound_only(floor_dph: float, left_dph: float) -> tuple[str, ...]:
-    """A note where the error on unseen data [deg/h] lies well below the noise floor."""
-    if not floor_dph > EXPLAINED_RATIO * left_dph:
+def bound_only(floor_dph: float, left_dph: float) -> bool:
+    """Whether the error on unseen data [deg/h] lies well below the noise floor, which is then an upper bound only."""
+    return floor_dph > EXPLAINED_RATIO * left_dph
+
+
+def bound_notes(floor_dph: float, left_dph: float) -> tuple[str, ...]:
+    """A note where the noise floor is an upper bound only."""
+    if not bound_only(floor_dph, left_dph):
         return ()
     return (
         f"the error on unseen data falls to {number(left_dph)} deg/h, below the noise floor, which is an upper bound "

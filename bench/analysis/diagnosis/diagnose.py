@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.decision import bound_only, decide, explains
+from bench.analysis.diagnosis.decision import bound_notes, bound_only, decide, explains
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
@@ -203,7 +203,7 @@ class _Case:
         if formulas and formulas[0].proof.proved and answer.noise_finding == _DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
         left = formulas[0].held_out_rms_dph if formulas else improved.rms_dph
-        notes = answer.notes if floor_note else (*answer.notes, *bound_only(floor_dph, left))
+        notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left))
         answer = replace(answer, formulas=formulas, notes=notes)
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
 

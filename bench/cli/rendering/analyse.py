@@ -57,7 +57,7 @@ def _(result: Compared) -> Iterator[str | Table]:
     yield _compared(comparison)
     notes = [comparison.by_counts] if comparison.by_counts else []
     least = min((score.held_out.rms_dph for score in comparison.scores), default=float("nan"))
-    notes += [f"note: {text}" for text in analysis.bound_only(comparison.floor_dph, least)]
+    notes += [f"note: {text}" for text in analysis.bound_notes(comparison.floor_dph, least)]
     notes += [f"not fitted: {name}: {reason}" for name, reason in comparison.refused]
     notes += [f"warning: {score.model.name}: {text}" for score in comparison.scores for text in score.fit.warnings]
     yield from ["", *notes] if notes else []
