@@ -84,3 +84,8 @@ def clock(seconds: float) -> str:
         return "–"
     whole = round(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def counted(number: int, what: str) -> str:
+    """`1 unit`, `2 units`: a number of things whose plural ends in s."""
+    return f"{number:,} {what}{'' if number == 1 else 's'}"

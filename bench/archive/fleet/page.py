@@ -12,7 +12,7 @@ from bench.archive.fleet import figures
 from bench.archive.fleet.drift import SIGNIFICANT
 from bench.archive.fleet.shifts import Shift
 from bench.archive.fleet.statistics import Measured, Statistics
-from bench.base import in_print, listed, moment, number
+from bench.base import counted, in_print, listed, moment, number
 from bench.deliver import Headline, Row, Section, figure, heading, html_page, lead, paragraph, table
 
 GOOD_CPK = 1.33
@@ -35,7 +35,7 @@ def render(found: Statistics) -> str:
     newest = found.fleet.newest
     return html_page(
         sections,
-        title=f"Fleet of {len(newest)} units",
+        title=f"Fleet of {counted(len(newest), 'unit')}",
         subtitle=f"{moment(newest[0].created)} to {moment(newest[-1].created)}",
         verdict=_verdict(found),
         numbers=_numbers(found),

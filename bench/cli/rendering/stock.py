@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import archive, record
-from bench.base import in_print, number
+from bench.base import counted, in_print, number
 from bench.cli.options import Registered
 from bench.cli.rendering.printing import content, lines, table
 from bench.commands import (
@@ -121,7 +121,7 @@ def _(result: Scrubbed) -> Iterator[str]:
 def _(result: Noted) -> Iterator[str]:
     entry = result.entry
     if entry["kind"] == "lot":
-        yield f"{len(entry['units'])} units assigned to lot {entry['lot']}"
+        yield f"{counted(len(entry['units']), 'unit')} assigned to lot {entry['lot']}"
     elif entry["kind"] == "withdrawal":
         yield f"certificate {entry['number']} is withdrawn: {entry['reason']}"
     elif entry["kind"] == "operator":
@@ -183,7 +183,7 @@ def _(result: FleetJudged) -> Iterator[str | Table]:
     from bench.archive import sentence
 
     statistics, passes = result.statistics, result.statistics.passes
-    yield f"{len(statistics.fleet.newest)} units. {sentence(statistics)}"
+    yield f"{counted(len(statistics.fleet.newest), 'unit')}. {sentence(statistics)}"
     yield from _left_out(statistics.fleet.left_out)
     if passes.judged:
         low, high = (100 * end for end in passes.interval)
@@ -216,7 +216,7 @@ def _(result: FleetDiagnosed) -> Iterator[str | Table]:
     found = result.diagnosis
     lots, total = archive.by_lot(found.told), len(found.told)
     made = f", {found.made} of them now in {result.seconds:.1f} s ({result.engine})" if found.made else ""
-    yield f"{total} units of {len(lots)} lots diagnosed with {result.model}{made}"
+    yield f"{counted(total, 'unit')} of {counted(len(lots), 'lot')} diagnosed with {result.model}{made}"
     yield from _left_out(found.left_out)
     every = sum((lot.lacks for lot in lots.values()), Counter[str]())
     shown = sorted(lots, key=lambda name: (-lots[name].lacks.total(), name))[:_MOST_LOTS]
@@ -261,7 +261,8 @@ _GAUGE = ("", ">sigma", ">95 %", ">REML", ">% of all", ">% of tolerance")
 @lines.register(GaugeJudged)
 def _(result: GaugeJudged) -> Iterator[str | Table]:
     found, unit = result.gauge, f" [{in_print(result.unit)}]" if result.unit else ""
-    yield f"{found.units} units at {len(found.stations)} stations, {found.runs} runs: {result.quantity}{unit}"
+    many = counted(found.units, "unit"), counted(len(found.stations), "station"), counted(found.runs, "run")
+    yield f"{many[0]} at {many[1]}, {many[2]}: {result.quantity}{unit}"
     yield from _left_out(result.left_out)
     rows = []
     for one in found.components:
@@ -294,12 +295,12 @@ def _(result: GaugeJudged) -> dict[str, Any]:
 @lines.register(Refitted)
 def _(result: Refitted) -> Iterator[str]:
     yield (
-        f"{result.units} units refitted with {result.model} in {result.seconds:.1f} s "
+        f"{counted(result.units, 'unit')} refitted with {result.model} in {result.seconds:.1f} s "
         f"({result.units_per_s:.0f} per second, {result.engine})"
     )
     yield f"RMS [deg/h]: median {number(result.rms_dph['median'])}, 95 % below {number(result.rms_dph['p95'])}"
     yield f"weighted by {result.weights['by']}: {result.weights['reason']}"
-    yield from [f"failed: {result.failed} units"] if result.failed else []
+    yield from [f"failed: {counted(result.failed, 'unit')}"] if result.failed else []
     yield from (f"  {line}" for line in result.failures)
     yield from (f"no moments: {line}" for line in result.without_moments)
     yield from _left_out(result.left_out)
@@ -323,7 +324,7 @@ def _loss(record: record.LotRecord) -> dict[str, dict[str, float]]:
 @lines.register(LotCalibrated)
 def _(result: LotCalibrated) -> Iterator[str | Table]:
     record = result.record
-    yield f"{record.model} for lot {record.lot}, from {len(record.units)} units"
+    yield f"{record.model} for lot {record.lot}, from {counted(len(record.units), 'unit')}"
     rows = [(_LOSSES[name], number(one["median"]), number(one["p95"])) for name, one in _loss(record).items()]
     yield table(("error of a unit [deg/h RMS]", ">median", ">95 %"), rows)
     yield ""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import SETTLED_DEGC_PER_MIN, HeldOut, error_of, turn_ons, turning
-from bench.base import DPH_PER_DPS, BoolArray, number
+from bench.base import DPH_PER_DPS, BoolArray, counted, number
 from bench.deliver.certificate.evidence import Evidence, Verification, day
 from bench.deliver.certificate.laboratory import Instrument
 from bench.deliver.certificate.propagation import PERCENT, Budget, Contribution
@@ -67,16 +67,12 @@ class Uncertainty:
         }
 
 
-def _counted(size: int, what: str) -> str:
-    return f"{size} {what}{'s' if size > 1 else ''}"
-
-
 def _scope(turn_ons: int) -> str:
     """What the expanded uncertainty holds for."""
     if turn_ons == 0:
         return "within the turn-on of the calibration run; no other turn-on was measured"
     if turn_ons < LEAST_TURN_ONS:
-        few = _counted(turn_ons, "turn-on")
+        few = counted(turn_ons, "turn-on")
         return f"any turn-on, as far as {few} can tell; {LEAST_TURN_ONS} or more make the figure reliable"
     return f"any turn-on, from {turn_ons} turn-ons after the calibration"
 
@@ -150,7 +146,7 @@ def _turn_on(means: Sequence[float], evidence: Evidence) -> Iterator[Contributio
     """Mean errors of turn-ons after the calibration, about zero: each is a draw of what the next one will be."""
     if means:
         rms = float(np.sqrt(np.mean(np.square(means))))
-        origin = f"{_counted(len(means), 'turn-on')} in {_counted(len(evidence.verifications), 'verification run')}"
+        origin = f"{counted(len(means), 'turn-on')} in {counted(len(evidence.verifications), 'verification run')}"
         yield Contribution("turn-on to turn-on, drift since the calibration", "A", "normal", rms, "deg/h", 1.0,
                            float(len(means)), origin)  # fmt: skip
 
