@@ -4,6 +4,7 @@ from .diagnosis.answer import Place as Place
 from .diagnosis.answer import SuspectedEffect as SuspectedEffect
 from .diagnosis.answer import Value as Value
 from .diagnosis.compare import ROTATION as ROTATION
+from .diagnosis.compare import beside_rotation as beside_rotation
 from .diagnosis.compare import compare as compare
 from .diagnosis.compare import error_of as error_of
 from .diagnosis.compare import ladder as ladder

@@ -70,7 +70,8 @@ class Check:
         """See the protocol."""
         warnings = check_order(order)
         cases = [Case("warnings", text="; ".join(warnings))]
-        return Done(f"plan, station and equipment agree, {len(warnings)} warnings", {"warnings": warnings}, cases)
+        many = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
+        return Done(f"plan, station and equipment agree, {many}", {"warnings": warnings}, cases)
 
 
 def check_order(order: Order) -> list[str]:

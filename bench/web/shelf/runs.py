@@ -15,7 +15,7 @@ from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
-from bench.base import InputError
+from bench.base import RATES, InputError
 from bench.record import (
     LIVE,
     CalibrationRecord,
@@ -24,8 +24,8 @@ from bench.record import (
     LimitsRecord,
     Manifest,
     RunFolder,
+    SampleFile,
     VerificationRecord,
-    rates_of,
 )
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
@@ -103,6 +103,8 @@ class RunAnswer(BaseModel):
     files: list[FileEntry]
     outputs: list[str]
     """Rates of a unit with several; empty where it has one."""
+    table: bool
+    """Whether the rate of a rate table was recorded."""
     report: bool
     certificate: bool
     steps: Steps
@@ -146,7 +148,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         for kind in (LimitsRecord, ComparisonRecord, DiagnosisRecord)
     )
     said = manifest.content() if manifest else {}
-    whole, origin = whole_of(folder.path), origin_of(folder.path)
+    whole, origin, names = whole_of(folder.path), origin_of(folder.path), _names(folder)
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,
@@ -163,7 +165,8 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         comparison=comparison,
         diagnosis=diagnosis,
         files=_files(folder.path),
-        outputs=_outputs(folder),
+        outputs=[name for name in RATES if name in names and name != "rate"],
+        table="applied_rate" in names,
         report=folder.report.is_file() or (whole / "report.html").is_file(),
         certificate=(whole / "certificate.pdf").is_file(),
         steps=steps_of(folder.path),
@@ -214,12 +217,13 @@ def _existing(path: Path, what: str) -> Path:
     return path
 
 
-def _outputs(run: RunFolder) -> list[str]:
-    """Rates of a unit with several outputs; none where the means cannot be read."""
+def _names(run: RunFolder) -> Sequence[str]:
+    """Channels of a run's samples; none where they cannot be read."""
     with contextlib.suppress(InputError):
-        known = rates_of(run) if run.data.is_file() else ()
-        return [name for name in known if name != "rate"]
-    return []
+        if run.data.is_file():
+            with SampleFile(run.data) as samples:
+                return samples.names
+    return ()
 
 
 def _files(folder: Path) -> list[FileEntry]:

@@ -17,6 +17,8 @@ class AnalysisRequest(RunChoice):
     """Models to fit to `runs`, in the order of the ladder."""
 
     models: list[ModelJson] = Field(min_length=1, max_length=MOST_MODELS)
+    turning: bool = False
+    """Judge each model beside a scale factor, as a report does, where a rate table turned the unit."""
 
 
 class DifferenceRequest(BaseModel):
@@ -34,7 +36,8 @@ def analyses(request: Request, body: AnalysisRequest, who: Engineer) -> Asked:
     """
     for model in body.models:
         model.model()
-    inputs = {**body.resolved(request), "models": [model.content() for model in body.models]}
+    models = [model.content() for model in body.models]
+    inputs = {**body.resolved(request), "models": models, "turning": body.turning}
     target = "bench.web.workbench.computing:analysis"
     return submit(request, "analysis", target, inputs, key=key_of(target, inputs))
 

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.analysis import Comparison, Fit, Floor, Model, fit_model, model_from, noise_floor
+from bench.analysis import Comparison, Fit, Floor, Model, beside_rotation, fit_model, model_from, noise_floor
 from bench.analysis import compare as compare_models
 from bench.base import BenchError, FloatArray, InputError, finite
 from bench.deliver import described, ladder_words, model_ladder
 from bench.record import DEFAULT_INTERVAL_S, Dataset, Manifest, load
-from bench.web.workbench.asking import model_json
+from bench.web.workbench.asking import ModelJson, model_json
 from bench.web.workbench.captions import captioned, floor_said, said, span
 
 FINE_S = 1.0
@@ -106,6 +106,10 @@ def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
     runs, check, static = runs_of(inputs["runs"]), runs_of(inputs["check"]), static_of(inputs)
     refuse_mixed([*runs, *check, *([static] if static else [])])
     texts = [model_text(content) for content in inputs["models"]]
+    asked = texts
+    if inputs.get("turning"):
+        turned = beside_rotation([*map(model_of, texts)], dataset(runs[0]))
+        texts = [model_text(ModelJson.model_validate(model_json(model)).content()) for model in turned]
     parts = [scored(runs, check, static, text) for text in texts]
     scores = tuple(score for part in parts for score in part.scores)
     refused = tuple(entry for part in parts for entry in part.refused)
@@ -116,6 +120,10 @@ def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
     for entry, score in zip(content["models"], scores, strict=True):
         entry["yaml"] = score.model.to_yaml()
         entry["model"] = model_json(score.model)
+    # A model that stays as it is may be written in another way.
+    content["turned"] = any(
+        model_of(one).effects != model_of(other).effects for one, other in zip(texts, asked, strict=False)
+    )
     kept = ("name", "rms_dph", "held_out_rms_dph")
     content["rungs"] = [{key: entry[key] for key in kept} for entry in content["models"]]
     content["floor_reason"] = floor(runs, static).reason

@@ -91,12 +91,14 @@ function useUndoKeys(act) {
   }, []);
 }
 
-function Bench({ session, models }) {
+/** `turned`: whether a rate table may have turned the unit; the model to begin with then gets a scale factor. */
+function Bench({ session, models, turned }) {
   const { runs, model, steps, act } = session;
   useUndoKeys(act);
-  const analysis = useJob("/analyses", analysisOf(runs, model));
-  // All numbers and pictures shall be of one model: the diagnosis waits until the data have chosen its options.
-  const open = isOpen(model);
+  const turning = turned && same(model, START_MODEL);
+  const analysis = useJob("/analyses", turning ? { ...analysisOf(runs, model), turning } : analysisOf(runs, model));
+  // All numbers and pictures shall be of one model: the diagnosis waits until the data have chosen it and its options.
+  const open = isOpen(model) || (turning && !analysis.failed && analysis.result?.turned !== false);
   const settled = open ? analysis.result?.models[0].model : null;
   useEffect(() => settled && act({ type: "settle", model: settled }), [settled]);
   useEffect(() => analysis.failed && same(model, START_MODEL) && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
@@ -141,7 +143,7 @@ function useTold(chosen) {
     for (const { run } of chosen) {
       const [unit, folder] = run.split("/");
       const told = (found) => setStates((before) => ({ ...before, [run]: found }));
-      api.get(api.url`/runs/${unit}/${folder ?? ""}`).then(told, (error) => error.status === 404 && told(null));
+      api.get(api.url`/runs/${unit}/${folder ?? ""}`).then(told, (error) => told(error.status === 404 ? null : { state: "done" }));
     }
   }, [chosen.map(({ run }) => run).join()]);
   return states;
@@ -179,7 +181,9 @@ export function Page({ query = {} }) {
   const compare = (run) => act({ type: "view", view: { compare: run } });
   const told = useTold(chosen);
   const unknown = chosen.find(({ run }) => told[run] === null)?.run;
-  const outputs = told[chosen[0]?.run]?.outputs ?? [];
+  const first = told[chosen[0]?.run];
+  const outputs = first?.outputs ?? [];
+  const ready = first !== undefined || !same(session.model, START_MODEL);
   const unchosen = outputs.length > 0 && !outputs.includes(session.output);
   useEffect(() => {
     if (unchosen) act({ type: "output", output: outputs[0] });
@@ -196,7 +200,7 @@ export function Page({ query = {} }) {
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
-    ${!choosing && !unknown && mode !== "compare" && (session.runs ? html`<${Bench} session=${session} models=${models} />` : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
+    ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }
 
