@@ -12,8 +12,8 @@ FOUND = SimpleNamespace(effect="resonance_frequency")
 OWN = RunVerdict("adequate", "Complete, no frame lost; spline leaves 1.1 × the noise floor on unseen data.")
 
 
-def headline(before, after, verdict, named=()):
-    answer = SimpleNamespace(verdict=verdict, found=(FOUND,), named=named, model=SimpleNamespace(name="spline"))
+def headline(before, after, verdict, named=(), model="spline"):
+    answer = SimpleNamespace(verdict=verdict, found=(FOUND,), named=named, model=SimpleNamespace(name=model))
     rungs = (
         Rung("spline", 1.0, before),
         Rung("+ resonance_frequency", 0.9, after),
@@ -31,6 +31,12 @@ def test_an_effect_that_makes_unseen_data_worse_is_no_headline():
 
 def test_an_effect_that_unseen_data_prove_is_named():
     assert headline(0.2, 0.1, "missing_effect", (FOUND,)).headline == "Missing: resonance_frequency"
+
+
+def test_where_another_model_was_diagnosed_than_the_best_both_say_what_they_leave():
+    assert "; spline lacks resonance" in headline(0.2, 0.1, "missing_effect", (FOUND,)).sentence
+    other = headline(0.2, 0.1, "missing_effect", (FOUND,), "curve").sentence
+    assert other.endswith("data; curve leaves 2.0 × and lacks resonance_frequency; adding it would leave 1.0 ×.")
 
 
 def test_ends_of_a_range_are_told_apart():

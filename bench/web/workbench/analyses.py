@@ -32,7 +32,8 @@ class DifferenceRequest(BaseModel):
 def analyses(request: Request, body: AnalysisRequest, who: Engineer) -> Asked:
     """Request the errors of models, in-sample and on unseen data, and the noise floor.
 
-    The result is that of `bench compare --json`, with the YAML of each model, the rungs of the ladder and its figure.
+    The result is that of `bench compare --json`, with the YAML of each model, the rungs of the ladder and its figure;
+    `turned` says that the models got a scale factor.
     """
     for model in body.models:
         model.model()
