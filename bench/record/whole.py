@@ -44,9 +44,15 @@ def whole_beside(run: Path) -> Path | None:
     return max(known)[1] if known else None
 
 
-def whole_verified(run: Path) -> ImuVerificationRecord | None:
-    """The newest verification, beside a run, of a whole unit by that run; InputError where a record is damaged."""
-    made = (ImuVerificationRecord.read(file.parent) for file in run.parent.glob(f"*/{ImuVerificationRecord.FILE}"))
-    name = f"{run.name}/{_MEANS}"
-    mine = [one for one in made if name in {source.file for source in one.sources}]
-    return max(mine, key=lambda one: one.created, default=None)
+def whole_verified(unit: Path) -> dict[str, ImuVerificationRecord]:
+    """The newest verification of a whole unit by each run in the folder of a unit, by the name of the run.
+
+    InputError where a record is damaged.
+    """
+    made = [ImuVerificationRecord.read(file.parent) for file in unit.glob(f"*/{ImuVerificationRecord.FILE}")]
+    return {
+        source.file.removesuffix(f"/{_MEANS}"): one
+        for one in sorted(made, key=lambda one: one.created)
+        for source in one.sources
+        if source.file.endswith(f"/{_MEANS}")
+    }

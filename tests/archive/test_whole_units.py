@@ -69,6 +69,17 @@ def test_a_unit_is_calibrated_where_its_whole_calibration_was_verified(made):
     assert told(root)[1]["calibrations"][0]["status"] == "in_unit"
 
 
+def test_a_damaged_record_does_not_hide_the_history_of_the_unit(made):
+    root, _, check, whole = made
+    verification().model_copy(update={"sources": (source(check),)}).write(whole)
+    registry_rebuild(root, None, False)
+    for name in ("imu.json", "imu_verification.json"):
+        (whole / name).write_text("{")
+    with served(Settings(root)) as client:
+        answer = client.get(f"/api/v1/units/{UNIT}")
+    assert (answer.status_code, len(answer.json()["runs"])) == (200, 2)
+
+
 def test_a_whole_calibration_outside_its_limits_does_not_pass(made):
     root, _, _, whole = made
     verification("FAIL").write(whole)

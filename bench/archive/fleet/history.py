@@ -20,7 +20,15 @@ from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import IMU
 from bench.archive.registry.writing import TABLES
 from bench.base import InputError
-from bench.record import CertificateRecord, FlashRecord, VerificationRecord, slug, whole_beside, whole_verified
+from bench.record import (
+    CertificateRecord,
+    FlashRecord,
+    ImuVerificationRecord,
+    VerificationRecord,
+    slug,
+    whole_beside,
+    whole_verified,
+)
 
 DAY_S = 86400.0
 _REFUSED = {"FAIL", "INVALID"}
@@ -52,24 +60,31 @@ def unit_history(registry: Registry, archive: Archive, serial: str, now: datetim
     if known is None:
         raise InputError(f"no unit '{serial}' in the registry; the list of units shows the known ones")
     found = runs_of(registry, serial)
-    memory = writes(archive.root, serial)
+    memory, wholes = writes(archive.root, serial), _wholes(archive.root / slug(serial))
     return {
         "serial": serial,
         "lot": known["lot"],
-        "runs": [_run(run, archive) for run in found],
+        "runs": [_run(run, archive, wholes) for run in found],
         "calibrations": calibrations(registry, archive, found, memory, now),
         "memory": next((one for one in memory if one["state"] == "done"), None),
         "writes": memory,
     }
 
 
-def _run(run: Mapping[str, Any], archive: Archive) -> Found:
+def _wholes(unit: Path) -> Mapping[str, ImuVerificationRecord]:
+    """Verifications of a whole inertial unit by their runs; none where one is damaged, which its own page says."""
+    with contextlib.suppress(InputError):
+        return whole_verified(unit)
+    return {}
+
+
+def _run(run: Mapping[str, Any], archive: Archive, wholes: Mapping[str, ImuVerificationRecord]) -> Found:
     keys = ("created", "profile", "station", "operator", "state", "cause", "simulated", "duration_s", "lost", "verdict",
             "judged", "model")  # fmt: skip
     folder = archive.folder(run)
     told = {key: run[key] for key in keys}
     try:
-        verified = (VerificationRecord.find(folder) or whole_verified(folder)) if folder else None
+        verified = (VerificationRecord.find(folder) or wholes.get(folder.name)) if folder else None
     except InputError:
         verified = VerificationRecord(verdict="damaged")
     if verified:
@@ -109,7 +124,9 @@ def calibrations(
 def _names(run: Mapping[str, Any], row: Mapping[str, Any], archive: Archive) -> set[str]:
     """Folders of a calibration: that of its run, or that of a whole inertial unit beside it."""
     folder = archive.folder(run) if row["model"] == IMU else None
-    whole = None if folder is None else whole_beside(folder)
+    whole = None
+    with contextlib.suppress(InputError):  # a damaged record is told where it is opened
+        whole = None if folder is None else whole_beside(folder)
     return {str(run["path"]).rpartition("/")[2]} if whole is None else {whole.name}
 
 

@@ -46,7 +46,7 @@ export default function Verdict({ params }) {
   const { run, end, error } = useEnd(params);
   useEffect(() => {
     if (run?.condition && run.condition !== "ended" && !end) navigate(`/live/${params.unit}/${params.run}`, { replace: true });
-    if (run?.job && end && !end.analysing && !end.units.some(({ analysed }) => analysed)) navigate(`/calibrations/${run.job}`, { replace: true }); // its calibration judges it
+    if (run?.job && end && !end.analysing && !end.units?.some(({ analysed }) => analysed)) navigate(`/calibrations/${run.job}`, { replace: true }); // its calibration judges it
     if (run?.profile === "lot") navigate(`/runs/${params.unit}/${params.run}`, { replace: true }); // made of other runs: nothing was measured
   }, [run, end]);
   const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
