@@ -128,6 +128,8 @@ from .samples import samples_writer as samples_writer
 from .samples import write_samples as write_samples
 from .signing import keep_secret as keep_secret
 from .signing import keys_folder as keys_folder
+from .whole import Origin as Origin
 from .whole import fitted_runs as fitted_runs
-from .whole import whole_beside as whole_beside
+from .whole import origin_of_whole as origin_of_whole
+from .whole import whole_fitted_to as whole_fitted_to
 from .whole import whole_verified as whole_verified

@@ -3,7 +3,7 @@
 import pytest
 
 from bench.commands import registry_rebuild
-from bench.record import FlashRecord, ImuSource, Manifest, fitted_runs, sha256, whole_beside
+from bench.record import FlashRecord, ImuSource, Manifest, fitted_runs, sha256, whole_fitted_to
 from bench.web.ground.settings import Settings
 from tests.deliver.test_imu_certificate import verification
 from tests.support.imu_units import imu_record
@@ -43,9 +43,9 @@ def told(root):
 
 def test_runs_and_calibration_are_found_beside_each_other(made):
     root, run, check, whole = made
-    assert (fitted_runs(whole), whole_beside(run), whole_beside(check)) == ((run,), whole, None)
+    assert (fitted_runs(whole), whole_fitted_to(run), whole_fitted_to(check)) == ((run,), whole, None)
     make_run(run, ramp_run(seed=9)["columns"], Manifest.read(run).content()["segments"], unit=UNIT)
-    assert whole_beside(run) is None, "fitted to other data than the run has now"
+    assert whole_fitted_to(run) is None, "fitted to other data than the run has now"
     assert fitted_runs(root / UNIT) == ()
 
 

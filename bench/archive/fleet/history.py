@@ -26,7 +26,7 @@ from bench.record import (
     ImuVerificationRecord,
     VerificationRecord,
     slug,
-    whole_beside,
+    whole_fitted_to,
     whole_verified,
 )
 
@@ -126,7 +126,7 @@ def _names(run: Mapping[str, Any], row: Mapping[str, Any], archive: Archive) -> 
     folder = archive.folder(run) if row["model"] == IMU else None
     whole = None
     with contextlib.suppress(InputError):  # a damaged record is told where it is opened
-        whole = None if folder is None else whole_beside(folder)
+        whole = None if folder is None else whole_fitted_to(folder)
     return {str(run["path"]).rpartition("/")[2]} if whole is None else {whole.name}
 
 

@@ -27,7 +27,7 @@ from bench.record import (
     RunFolder,
     StoredResidual,
     sha256,
-    whole_beside,
+    whole_fitted_to,
 )
 
 IMU = "imu"
@@ -129,7 +129,7 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
     manifest = folder.manifest()
     path = place_of(folder, ledger)
     unit, run = manifest.unit or "unknown", f"{ledger.id}/{path}"
-    whole = whole_beside(folder.path)
+    whole = whole_fitted_to(folder.path)
     delivered = whole or folder.path
     certificate = CertificateRecord.find(delivered)
     operator = manifest.operator
@@ -151,8 +151,8 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
     calibration = CalibrationRecord.find(folder.path)
     judged: Judged = LimitsRecord.find(folder.path) or LimitsRecord()
     if whole is not None:
-        put(rows, "calibrations", _whole(run, whole))
         verified = ImuVerificationRecord.find(whole)
+        put(rows, "calibrations", _whole(run, whole, verified))
         judged = verified.limits if verified and verified.limits else judged
     elif calibration is not None:
         row = _calibration(run, calibration, sha256(folder.path / CalibrationRecord.FILE))
@@ -186,10 +186,9 @@ def _calibration(run: str, record: CalibrationRecord, file_sha256: str) -> Row:
     }
 
 
-def _whole(run: str, folder: Path) -> Row:
+def _whole(run: str, folder: Path, verified: ImuVerificationRecord | None) -> Row:
     """The calibration of a whole inertial unit; nothing proves one that was not verified."""
-    record, verified = ImuRecord.read(folder), ImuVerificationRecord.find(folder)
-    low, high = record.range_degc
+    low, high = ImuRecord.read(folder).range_degc
     file_sha256 = sha256(folder / ImuRecord.FILE)
     return {
         "run": run,

@@ -24,8 +24,8 @@ from bench.record import (
     LimitsRecord,
     Manifest,
     RunFolder,
-    SampleFile,
     VerificationRecord,
+    channels_in,
 )
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
@@ -139,16 +139,14 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
     entry, folder = index.entry(f"{unit}/{run}"), RunFolder(index.folder(unit, run))
     damaged: list[str] = []
     manifest = story.sound(Manifest, folder.path, damaged)
-    own, verified = (
-        story.sound(CalibrationRecord, folder.path, damaged),
-        story.sound(VerificationRecord, folder.path, damaged),
-    )
+    own = story.sound(CalibrationRecord, folder.path, damaged)
+    verified = story.sound(VerificationRecord, folder.path, damaged)
     limits, comparison, diagnosis = (
         record.content() if (record := story.sound(kind, folder.path, damaged)) else None
         for kind in (LimitsRecord, ComparisonRecord, DiagnosisRecord)
     )
     said = manifest.content() if manifest else {}
-    whole, origin, names = whole_of(folder.path), origin_of(folder.path), _names(folder)
+    whole, origin, names = whole_of(folder.path), origin_of(folder.path), _channels(folder.path)
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,
@@ -217,13 +215,11 @@ def _existing(path: Path, what: str) -> Path:
     return path
 
 
-def _names(run: RunFolder) -> Sequence[str]:
-    """Channels of a run's samples; none where they cannot be read."""
+def _channels(folder: Path) -> set[str]:
+    """Channels of a run; none where they cannot be read."""
     with contextlib.suppress(InputError):
-        if run.data.is_file():
-            with SampleFile(run.data) as samples:
-                return samples.names
-    return ()
+        return channels_in(folder)
+    return set()
 
 
 def _files(folder: Path) -> list[FileEntry]:

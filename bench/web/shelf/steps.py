@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 from functools import lru_cache
 from pathlib import Path
 
 from pydantic import BaseModel
 
+from bench.base import InputError
 from bench.record import (
     CalibrationRecord,
     CertificateRecord,
     FlashRecord,
     ImuRecord,
     ImuVerificationRecord,
-    Manifest,
+    Origin,
     VerificationRecord,
-    sha256,
+    origin_of_whole,
+    whole_fitted_to,
 )
 from bench.web.live.story import sound
 
@@ -39,26 +42,22 @@ def whole_of(folder: Path) -> Path:
     `bench imu --out` names the folder freely; it is found in that of the unit, of all runs, or where that one is. It
     takes no run without attitudes: for such a run none is looked for, since there may be a million other folders.
     """
-    recorded = sound(Manifest, folder)
-    if recorded is None or not any(segment.attitude for segment in recorded.segments):
-        return folder
-    means, places = folder / "means.parquet", list(folder.parents)[:3]
-    files = [file for place in places for file in place.glob(f"*/{ImuRecord.FILE}")]
-    made = [(*_origin(file.parent, file.stat().st_mtime_ns), file.parent) for file in files]
-    name = f"{folder.name}/{means.name}"
-    if not any(name == file for _, sources, _ in made for file, _ in sources) or not means.is_file():
-        return folder
-    own = (name, sha256(means))
-    return max(((created, whole) for created, sources, whole in made if own in sources), default=("", folder))[1]
+    with contextlib.suppress(InputError):
+        return whole_fitted_to(folder, list(folder.parents)[:3], _origin) or folder
+    return folder
+
+
+def _origin(whole: Path) -> Origin:
+    return _known_origin(whole, (whole / ImuRecord.FILE).stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=256)
-def _origin(whole: Path, changed_ns: int) -> tuple[str, frozenset[tuple[str, str]]]:
-    """When the calibration in a folder was made, and from which files: their names and digests."""
-    record = sound(ImuRecord, whole)
-    return (
-        ("", frozenset()) if record is None else (record.created, frozenset((s.file, s.sha256) for s in record.sources))
-    )
+def _known_origin(whole: Path, changed_ns: int) -> Origin:
+    """That of the calibration in a folder; one that is damaged was made from nothing."""
+    try:
+        return origin_of_whole(whole)
+    except InputError:
+        return "", frozenset()
 
 
 def steps_of(folder: Path) -> Steps:

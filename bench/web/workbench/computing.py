@@ -106,10 +106,10 @@ def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
     runs, check, static = runs_of(inputs["runs"]), runs_of(inputs["check"]), static_of(inputs)
     refuse_mixed([*runs, *check, *([static] if static else [])])
     texts = [model_text(content) for content in inputs["models"]]
-    asked = texts
-    if inputs.get("turning"):
-        turned = beside_rotation([*map(model_of, texts)], dataset(runs[0]))
-        texts = [model_text(ModelJson.model_validate(model_json(model)).content()) for model in turned]
+    models = tuple(map(model_of, texts))
+    beside = beside_rotation(models, dataset(runs[0])) if inputs.get("turning") else models
+    if turned := beside != models:
+        texts = [model_text(ModelJson.model_validate(model_json(model)).content()) for model in beside]
     parts = [scored(runs, check, static, text) for text in texts]
     scores = tuple(score for part in parts for score in part.scores)
     refused = tuple(entry for part in parts for entry in part.refused)
@@ -120,10 +120,7 @@ def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
     for entry, score in zip(content["models"], scores, strict=True):
         entry["yaml"] = score.model.to_yaml()
         entry["model"] = model_json(score.model)
-    # A model that stays as it is may be written in another way.
-    content["turned"] = any(
-        model_of(one).effects != model_of(other).effects for one, other in zip(texts, asked, strict=False)
-    )
+    content["turned"] = turned
     kept = ("name", "rms_dph", "held_out_rms_dph")
     content["rungs"] = [{key: entry[key] for key in kept} for entry in content["models"]]
     content["floor_reason"] = floor(runs, static).reason
