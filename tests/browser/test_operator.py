@@ -135,54 +135,6 @@ def test_every_page_is_in_sight_in_the_menu_of_a_telephone(site, visitors, local
         assert box["x"] + box["width"] <= PHONE["width"]
 
 
-def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(bench, visitors):
-    folder = bench.out / "SIM-0001" / "20261121T060000Z_ramp"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
-    page = visitors.come(bench.site.address)
-    page.goto("/verdict/SIM-0001/20261121T060000Z_ramp")
-    page.get_by_role("heading", name="NOT ANALYSED").wait_for()
-    assert page.locator("article.tone-warn").count() == 1
-    page.get_by_text(f"bench report {folder}").wait_for()
-    assert page.get_by_role("link", name="Report").count() == 0
-    (folder / "calibration.json").write_text(json.dumps({"verdict": {"verdict": "adequate", "sentence": "Good."}}))
-    (folder / "report.html").write_text("")
-    page.get_by_role("heading", name="ADEQUATE").wait_for()
-    assert page.get_by_role("link", name="Report").count() == 1
-
-
-def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(bench, visitors):
-    folder = bench.out / "SIM-0001" / "20261121T080000Z_check"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
-    verified = {
-        "verdict": "MARGINAL", "rms_dph": 0.1318, "over_floor": 1.21, "calibration_run": "20261121T060000Z_ramp",
-        "rule": "RMS of the corrected rate at most 1.2 times the noise floor",
-    }  # fmt: skip
-    (folder / "verification.json").write_text(json.dumps(verified))
-    page = visitors.come(bench.site.address)
-    page.goto(f"/verdict/SIM-0001/{folder.name}")
-    page.get_by_role("heading", name="MARGINAL").wait_for()
-    page.get_by_text(verified["rule"]).wait_for()
-    page.get_by_text("0.1318 deg/h RMS of its own output").wait_for()
-    assert page.get_by_role("link", name="Report").count() == 0
-    page.get_by_role("link", name="Deliver and check").click()
-    page.get_by_role("link", name="The calibration that it verifies").wait_for()
-    assert page.get_by_role("heading", name="Certificate").count() == 0
-
-
-def test_the_longest_verdict_does_not_break_within_a_word_on_a_telephone(bench, visitors):
-    folder = bench.out / "SIM-0001" / "20261121T090000Z_ramp"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
-    page = visitors.come(bench.site.address, size={"width": 360, "height": 780}, locale="uk-UA")
-    page.goto(f"/verdict/SIM-0001/{folder.name}")
-    word = page.get_by_role("heading", name="НЕ ПРОАНАЛІЗОВАНО")
-    word.wait_for()
-    lines = word.evaluate("(h) => h.getBoundingClientRect().height / parseFloat(getComputedStyle(h).lineHeight)")
-    assert round(lines) <= 2
-
-
 def press_tab_to(page, target, most=60):
     """Walk with Tab until `target` has the focus."""
     for _ in range(most):
@@ -469,39 +421,6 @@ def test_an_abort_is_not_offered_any_more_when_the_pin_has_expired(tmp_path, pro
             page.get_by_role("button", name=name).wait_for(state="detached")
         page.get_by_role("button", name="Operator").wait_for()
         page.context.close()
-
-
-def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(bench, visitors):
-    page = visitors.come(bench.site.address)
-    units = [{"unit": f"U-{n}", "run": f"U-{n}/run", "verdict": None, "sentence": "", "limits": None, "analysed": False}
-             for n in range(4)]  # fmt: skip
-    units[2] |= {"verdict": "adequate", "limits": "PASS", "analysed": True}
-    end = {"state": "done", "cause": "", "analysing": True, "units": units, "verdict": None, "safe": True,
-           "safe_state": [], "requests": []}  # fmt: skip
-    run = {"run": "U-0/run", "runs": [one["run"] for one in units], "condition": "ended", "profile": "short",
-           "station": "s", "ended": end}  # fmt: skip
-    page.route("**/api/v1/live/U-0/run", lambda route: route.fulfill(json=run))
-    page.goto("/verdict/U-0/run")
-    page.locator(".verdict-units li").nth(3).wait_for()
-    told = page.locator(".verdict-units strong").all_inner_texts()
-    assert [text.upper() for text in told] == ["MEASURED", "MEASURED", "PASS", "MEASURED"]
-
-
-def test_a_table_of_values_says_which_of_several_units_it_is_about(bench, visitors):
-    page = visitors.come(bench.site.address)
-    unit = {"verdict": "adequate", "sentence": "", "analysed": True}
-    units = [{**unit, "unit": f"Ж-{n}", "run": f"-{n}/run", "limits": ("PASS", "MARGINAL")[n]} for n in range(2)]
-    end = {"state": "done", "cause": "", "analysing": False, "units": units, "verdict": "adequate", "safe": True,
-           "safe_state": [], "requests": []}  # fmt: skip
-    run = {"run": "-0/run", "runs": ["-0/run", "-1/run"], "condition": "ended", "profile": "short", "ended": end}
-    peak = {"name": "residual_peak_dph", "value": 0.3, "low": 0.0, "high": None, "unit": "deg/h", "lower": None,
-            "upper": 2.5, "reason": "", "verdict": "MARGINAL"}  # fmt: skip
-    judged = {"limits": {"name": "short", "results": [peak]}, "steps": {}, "segments": [], "losses": {}}
-    page.route("**/api/v1/live/-0/run", lambda route: route.fulfill(json=run))
-    page.route("**/api/v1/runs/-1/run", lambda route: route.fulfill(json=judged))
-    page.goto("/verdict/-0/run")
-    table = page.get_by_role("table", name="Ж-1")
-    assert table.get_by_role("cell").first.inner_text().split() == ["0.3", "0", "…", "∞"], "why it is marginal"
 
 
 def test_a_serial_number_that_no_unit_can_have_is_refused_before_anything_is_chosen(bench, visitors):

@@ -1,6 +1,6 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
 import { planTitle, runTitle } from "./names.js";
-import { degrees, effectWord, known, language, quantityWord, symbols, t } from "./words.js";
+import { degrees, effectWord, known, language, quantityWord, sig, symbols, t } from "./words.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
 
@@ -14,7 +14,7 @@ function written({ number, digits = 3, decimals = undefined }) {
   if (number === null || number === undefined) return "–";
   if (number === 0) return "0";
   const exponent = Math.floor(Math.log10(Math.abs(number)));
-  if (decimals === undefined && (exponent < -4 || exponent >= 7)) return number.toExponential(digits - 1).replaceAll("-", "−");
+  if (decimals === undefined && (exponent < -4 || exponent >= 7)) return sig(number, digits);
   return number.toFixed(decimals ?? Math.max(0, digits - 1 - exponent)).replace(".", separators().decimal).replace("-", "−");
 }
 
