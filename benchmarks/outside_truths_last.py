@@ -203,6 +203,104 @@ def preload_that_slips(w: World, rng: np.random.Generator) -> FloatArray:
     return out
 
 
+def table_of_the_circuit(w: World, rng: np.random.Generator) -> FloatArray:
+    """A circuit corrects a curved bias from a table, straight between its entries; its own sensor lags."""
+    sensor, every = follows(w.case, log_uniform(rng, 40, 300)), rng.uniform(12.0, 30.0)
+    entries = np.arange(-80.0, 140.0, every)
+    return np.interp(sensor, entries, (entries / 50.0) ** 2) - (sensor / 50.0) ** 2
+
+
+def field_of_the_heater(w: World, rng: np.random.Generator) -> FloatArray:
+    """The field of the heater's leads goes with its current, the root of its power, and saturates a shield."""
+    current = follows(np.sqrt(np.maximum(w.heater, 0.0)), rng.uniform(10.0, 60.0))
+    return np.tanh(current / (rng.uniform(0.5, 1.5) * w.constant(np.max(current))))
+
+
+def draught(w: World, rng: np.random.Generator) -> FloatArray:
+    """A thin wall follows the air, faster while the compressor's fan blows."""
+    slow, share = log_uniform(rng, 300, 1200), rng.uniform(0.3, 0.7)
+    wall, level = np.empty(len(w.case)), float(w.air[0])
+    for second, (air, blows) in enumerate(zip(w.air.tolist(), w.compressor.tolist(), strict=True)):
+        level += (air - level) / (slow * (1.0 - share * blows))
+        wall[second] = level
+    return wall - w.case
+
+
+def magnet_that_fades(w: World, rng: np.random.Generator) -> FloatArray:
+    """A magnet loses a part at each new highest temperature beyond a value; what is left scales the drive's error."""
+    lost = np.maximum.accumulate(np.maximum(w.case - rng.uniform(20.0, 45.0), 0.0))
+    return lost * (w.drive - rng.uniform(0.2, 0.8) * w.constant(w.drive.max()))
+
+
+def regulator_without_headroom(w: World, rng: np.random.Generator) -> FloatArray:
+    """A regulator drops out where the supply is below what it needs, which is more in the warm."""
+    needs = w.supply - w.constant(np.quantile(w.supply, 0.6))
+    most = w.constant(np.ptp(w.supply)) / 60.0
+    return follows(np.maximum(most * (w.case - rng.uniform(0.0, 40.0)) - needs, 0.0), log_uniform(rng, 20, 200))
+
+
+def logarithm_of_heat(w: World, rng: np.random.Generator) -> FloatArray:
+    """A resistor ages with the logarithm of what heat it has seen."""
+    warm, dose, aged = rng.uniform(12.0, 25.0), 0.0, np.empty(len(w.case))
+    size = log_uniform(rng, 500, 5000)
+    for second, case in enumerate(w.case.tolist()):
+        dose += np.exp((case - 25.0) / warm) / size
+        aged[second] = np.log1p(dose)
+    return aged
+
+
+def gas_through_two_walls(w: World, rng: np.random.Generator) -> FloatArray:
+    """A gas of the glue reaches the cavity through a second volume; its pressure is exponential."""
+    pressure = np.exp((w.case - 25.0) / rng.uniform(18.0, 35.0))
+    return follows(follows(pressure, log_uniform(rng, 600, 2500)), log_uniform(rng, 600, 2500))
+
+
+def clamp_that_walks(w: World, rng: np.random.Generator) -> FloatArray:
+    """A clamp walks while the gap between air and case is large, back more slowly, and springs back by a part."""
+    most, share, at, walked = rng.uniform(2.0, 6.0), rng.uniform(0.2, 0.6), 0.0, np.empty(len(w.case))
+    for second, gap in enumerate((w.air - w.case).tolist()):
+        beyond = max(gap - most, 0.0) - share * max(-gap - most, 0.0)
+        at += beyond / 3000.0 - at / 9000.0
+        walked[second] = at
+    return walked
+
+
+def softening(w: World, rng: np.random.Generator) -> FloatArray:
+    """The quadrature's control voltage, squared, softens the mode, the more the nearer it is to another one."""
+    control = w.quadrature - rng.uniform(0.2, 0.8) * w.constant(w.quadrature.max())
+    return control**2 / (1.0 + ((w.frequency - w.constant(np.quantile(w.frequency, 0.3))) / 8.0) ** 2)
+
+
+def start_after_a_rest(w: World, rng: np.random.Generator) -> FloatArray:
+    """Each start of the compressor is a shock, the larger the longer it stood; it rings down slowly."""
+    rests_s, settles_s = log_uniform(rng, 300, 1500), log_uniform(rng, 200, 900)
+    stood, before, level, shaken = 0.0, float(w.compressor[0]), 0.0, np.empty(len(w.case))
+    for second, runs in enumerate(w.compressor.tolist()):
+        if runs > 0.5 >= before:
+            level += 1.0 - np.exp(-stood / rests_s)
+            stood = 0.0
+        stood += runs <= 0.5
+        level *= 1.0 - 1.0 / settles_s
+        shaken[second], before = level, runs
+    return shaken
+
+
+def potting_that_sets(w: World, rng: np.random.Generator) -> FloatArray:
+    """A potting's inner temperature follows the case, ever more slowly below its glass transition."""
+    sets, width = rng.uniform(0.0, 25.0), rng.uniform(6.0, 15.0)
+    tau_s, inner, strain = log_uniform(rng, 200, 800), float(w.case[0]), np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        inner += (case - inner) / (tau_s * (1.0 + np.exp(np.clip((sets - case) / width, -30.0, 6.0))))
+        strain[second] = case - inner
+    return strain
+
+
+def cooler_by_the_room(w: World, rng: np.random.Generator) -> FloatArray:
+    """The cooler's load shakes the table, only while it has to pump below the room's temperature."""
+    load = w.compressor * np.maximum(rng.uniform(10.0, 25.0) - w.air, 0.0)
+    return follows(load, log_uniform(rng, 60, 400)) * (1.0 + 0.02 * (w.case - 25.0))
+
+
 GROUPS = {
     "after it had grown for the last time": (
         warped_board,
@@ -231,6 +329,20 @@ GROUPS = {
         overdriven_heater,
         ripple_of_the_oscillator,
         preload_that_slips,
+    ),
+    "after the heat balance of the air had come": (
+        table_of_the_circuit,
+        field_of_the_heater,
+        draught,
+        magnet_that_fades,
+        regulator_without_headroom,
+        logarithm_of_heat,
+        gas_through_two_walls,
+        clamp_that_walks,
+        softening,
+        start_after_a_rest,
+        potting_that_sets,
+        cooler_by_the_room,
     ),
 }
 """By when they were written."""

@@ -108,7 +108,8 @@ def _plain(text: str, column: int) -> str | None:
     """A number, or numbers with units, as the language writes it."""
     rules = _catalogue()["rules"]
     if re.fullmatch(rules["number"], text):
-        return text.replace(".", rules["decimal"][column]).replace("-", "−")
+        grouped = text.replace(",", rules["thousands"][column])
+        return grouped.replace(".", rules["decimal"][column]).replace("-", "−")
     if not re.fullmatch(rules["measured"], text):
         return None
     parts = [_told(part, column) or (part if re.fullmatch(rules["bare"], part) else None) for part in text.split(" ")]

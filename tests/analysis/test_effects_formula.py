@@ -79,13 +79,13 @@ HOSTILE = [
     ("k*time\x00", "is not a formula"),
     ("(" * 190 + "k" + ")" * 190, "is not a formula|multiplies no channel"),
     ("-" * 300 + "k*time", "too long"),
-    ("k*time" + "+k*time" * 90, "1 to 600 characters"),
+    ("k*time" + "+k*time" * 150, "1 to 1000 characters"),
     ("k*exp(time, out=time)", "takes 1 argument"),
     ("eval(k)", "no function 'eval'"),
     ("k*_x*time", "'_x' is not allowed"),
-    ("", "1 to 600 characters"),
-    (None, "1 to 600 characters"),
-    (3, "1 to 600 characters"),
+    ("", "1 to 1000 characters"),
+    (None, "1 to 1000 characters"),
+    (3, "1 to 1000 characters"),
 ]
 
 

@@ -256,19 +256,21 @@ def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
     run, _ = quiet
     seconds = np.arange(run.time[0], run.time[-1])
     case, air = (np.interp(seconds, run.time, run.channels[n]) for n in ("temperature", "chamber_temperature"))
-    glue, slow, hinge, strip = (np.empty(len(seconds)) for _ in range(4))
-    relaxed, behind, dragged, follows = case[0], case[0], air[0] - case[0], case[0]
+    glue, slow, hinge, strip, warmest = (np.empty(len(seconds)) for _ in range(5))
+    relaxed, behind, dragged, follows, hottest = case[0], case[0], air[0] - case[0], case[0], case[0]
     for i, (unit, gap) in enumerate(zip(case, air - case, strict=True)):
         relaxed += (unit - relaxed) / 900.0 * np.exp(0.03 * (unit - 25.0))
         behind += np.clip(unit - behind, -0.8 / 60.0, 0.8 / 60.0)
         dragged = np.clip(dragged, gap - 3.0, gap + 3.0)
         follows += (unit - follows) / 300.0
         pressed = max(abs(unit - follows) - 1.5, 0.0)
-        glue[i], slow[i], hinge[i], strip[i] = (
+        hottest = max(hottest + (25.0 - hottest) / 20_000.0, unit)
+        glue[i], slow[i], hinge[i], strip[i], warmest[i] = (
             unit - relaxed,
             unit - behind,
             dragged,
             np.copysign(pressed, unit - follows),
+            hottest,
         )
     grammar = Grammar([run], [np.isfinite(run.bias)])
     driver = next(block for block in grammar.drivers() if block.text == "lag(dT_dt, {tau_s})")
@@ -278,11 +280,30 @@ def test_blocks_with_a_state_are_what_an_integration_gives(quiet):
         ("(temperature - slew(", {"per_min": 0.8}, slow),
         ("play((chamber", {"width": 3.0}, hinge),
         ("dead_zone(lag(dT_dt", {"tau_s": 300.0, "zone": 1.5 / 5.0}, strip),
+        ("exp(-time/{tau_s}) * highest", {"tau_s": 20_000.0}, warmest),
+        ("sawtooth((temperature", {"at": 3.0, "step": 14.0}, (case - 3.0) % 14.0),
     ):
         block = next(block for block in blocks if block.text.startswith(start))
         effect = Expression("k * " + block.text.format(**{name: name for name in values}), dict(block.bounds))
         column = effect.columns(run, values)[:, 0]
         assert np.corrcoef(column, np.interp(run.time, seconds, truth))[0, 1] > 0.999, start
+
+
+def test_what_the_chambers_heater_and_cooling_give_is_seen_in_its_air(quiet):
+    """The air is warmed by a heater that is on and off, cooled by a valve, and loses heat to a room at 21 degC."""
+    run, _ = quiet
+    seconds = np.arange(run.time[0], run.time[-1])
+    heater, valve = (np.sin(seconds / 700.0) > 0.3).astype(float), np.maximum(-np.sin(seconds / 700.0) - 0.2, 0.0)
+    air = np.full(len(seconds), 21.0)
+    for i, (heats, cools) in enumerate(zip(heater[1:], valve[1:], strict=True), start=1):
+        air[i] = air[i - 1] + (3.0 * heats - 2.5 * cools) / 60.0 - (air[i - 1] - 21.0) / 1500.0
+    run = run.with_channel("chamber_temperature", np.interp(run.time, seconds, air))
+    drivers = Grammar([run], [np.isfinite(run.bias)]).drivers()
+    for start, power in (("above(chamber", heater), ("above(lag(chamber", valve)):
+        block = next(block for block in drivers if block.text.startswith(start))
+        effect = Expression("k * " + block.text.format(loss="loss", room="room"), dict(block.bounds))
+        column = effect.columns(run, {"loss": 60.0 / 1500.0, "room": 21.0})[:, 0]
+        assert np.corrcoef(column, np.interp(run.time, seconds, power))[0, 1] > 0.97, start
 
 
 def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):

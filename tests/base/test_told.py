@@ -23,7 +23,7 @@ WHOLE = (
     "web/jobs/workers.py", "web/live/starting.py", "web/people/access.py", "web/imports/imports.py",
     "acquisition/importer/doubts.py", "acquisition/importer/header.py", "acquisition/importer/loggers.py",
     "acquisition/importer/tables.py", "acquisition/importer/text.py", "acquisition/importer/values.py",
-    "acquisition/station/doctor.py",
+    "acquisition/station/doctor.py", "analysis/diagnosis/experiment.py",
 )  # fmt: skip
 """Modules below `bench/` whose every sentence a page shows."""
 
@@ -121,6 +121,8 @@ SAMPLES = [
      "log.csv:101: '|t|' — 'abc', не число; де немає значення, лишіть поле порожнім, а рядок, що не є рядком таблиці, "
      "почніть знаком #"),
     ("12 s", "zh", "12秒"),
+    ("15,178,500", "uk", "15\u00a0178\u00a0500"),
+    ("15,178,500", "zh", "15,178,500"),
     ("no column is rate; the table has t, T; choose it below", "zh", "没有一列是“陀螺输出”；表中有t, T；请在下方选择"),
     ("worst 2.5 ms, median 0.1 ms of 10; timeout_s is 1.5", "uk",
      "найгірша 2,5 мс, медіана 0,1 мс із 10; timeout_s = 1,5"),

@@ -83,8 +83,8 @@ class Block:
 
     def squared(self) -> Block:
         """The square of the block."""
-        return replace(self, text=f"({self.text})**2", words=f"the square of {self.words}", unit=f"({self.unit})^2",
-                       drives=False)  # fmt: skip
+        return replace(self, text=f"({self.text})**2", words=f"the square of {self.words}",
+                       unit=f"({self.unit})^2" if self.unit else "", looser=None, drives=False)  # fmt: skip
 
     def _with(self, name: str, ends: Bounds, tried: Sequence[float], text: str, words: str) -> Block:
         """One parameter more; what is made of it grows no further."""

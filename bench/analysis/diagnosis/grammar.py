@@ -23,6 +23,7 @@ from bench.record import Dataset
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
 _MOST_DEGREE = 2  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
+_ROOM_DEGC = 23.0  # to begin with
 _PERIODS = 48  # of a line over temperature
 _SLOPE = Block("dT_dt", "dT/dt", "degC/min")
 
@@ -87,8 +88,10 @@ class Grammar:
                 yield replace(formula, blocks=blocks), tuple((*values[:first], *one, *values[end:]) for one in own)
 
     def beside(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
-        """What may stand beside a formula: what it would become with a block more, and overtones of a sine."""
+        """What may stand beside a formula: what it would become with a block more, its square, overtones of a sine."""
         yield from self.grown(formula, values)
+        if not formula.pair:
+            yield Formula(tuple(block.squared() for block in formula.blocks)), (values,)
         first, *others = formula.blocks
         for times in ("4", "6") if formula.pair else ():
             text = first.text.replace("2*pi", f"{times}*pi")
@@ -100,8 +103,8 @@ class Grammar:
         blocks = [
             replace(_SLOPE, most=self.ranges.fastest),
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
-            Block("(dT_dt + abs(dT_dt))", "dT/dt of heating alone", "degC/min"),
-            Block("(dT_dt - abs(dT_dt))", "dT/dt of cooling alone", "degC/min"),
+            Block("above(dT_dt)", "dT/dt of heating alone", "degC/min"),
+            Block("above(-dT_dt)", "dT/dt of cooling alone", "degC/min"),
             Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
             replace(lagged("dT_dt", "dT/dt", "degC/min", self.ranges.length_s), most=self.ranges.fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
@@ -111,6 +114,8 @@ class Grammar:
             gap, most = self._gap(name), self.ranges.widest(name)
             memory = lagged(gap.text, gap.words, "degC", self.ranges.length_s, every=2)
             blocks += [replace(gap, most=most), replace(memory, most=most)]
+        if self.ranges.gap:
+            blocks += self._chamber()
         for name in self.ranges.moved:
             blocks += self._channel(name)
         blocks += self._resonances()
@@ -122,6 +127,24 @@ class Grammar:
     def _gap(name: str) -> Block:
         what = "air" if name == "chamber_temperature" else name
         return Block(f"({name} - temperature)", f"the gap between {what} and unit", "degC")
+
+    def _chamber(self) -> list[Block]:
+        """What the chamber's heater and its cooling give, which no channel records: the heat balance of the air.
+
+        Its change within a minute, and its loss to the room in this time, have to come from one of them.
+        """
+        air = "chamber_temperature"
+        heated = f"above({air} - lag({air}, 60) + {{loss}} * ({air} - {{room}}))"
+        cooled = f"above(lag({air}, 60) - {air} - {{loss}} * ({air} - {{room}}))"
+        bounds = (("loss", (0.002, 0.5)), ("room", (0.0, 50.0)))
+        tried = tuple((loss, _ROOM_DEGC) for loss in (0.01, 0.05))
+        blocks = []
+        for given, words in ((heated, "the chamber's heating"), (cooled, "the chamber's cooling")):
+            one = Block(given, words, "degC", bounds, tried)
+            slow = lagged(one.text, words, "degC", self.ranges.length_s, every=2)
+            grid = tuple((*own, *tau) for own in tried for tau in slow.grid)
+            blocks += [one, replace(slow, bounds=(*bounds, *slow.bounds), grid=grid)]
+        return blocks
 
     def _resonances(self) -> list[Block]:
         """A mode that the frequency meets: its size and its phase over the distance from it."""
@@ -165,7 +188,8 @@ class Grammar:
         grid = tuple((*one, share * (high - low)) for one in inner(low, high, 9) for share in (0.02, 0.1))
         words, unit = f"the {name} {words} a value", unit_of(name)
         looser = Block(f"(sqrt({away}**2 + {{soft}}**2) {sign} {away})", words, unit, (*own, soft), grid, places=1)
-        return Block(f"(abs{away} {sign} {away})", words, unit, own, inner(low, high, 9), places=1, looser=looser)
+        beyond = f"above({name} - {{centre}})" if sign == "+" else f"above({{centre}} - {name})"
+        return Block(beyond, words, unit, own, inner(low, high, 9), places=1, looser=looser)
 
     def _centred(self, name: str) -> Block:
         """A channel from the middle of its range, or from a value that is searched."""

@@ -17,16 +17,16 @@ UNSEEN = "not to be seen here: the model takes it in"
 def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
     """What an engineer reads first; `why` says why the verdict is not decided."""
     formulas = [formula_sentence(answer.formulas[0])] if answer.formulas else []
-    verdict = _verdict(answer, drifts, why)
-    rest = verdict.removeprefix(f"{_LACKS}. ")
-    if formulas and rest != verdict and not answer.formulas[0].beside:
+    if answer.verdict != "unknown_effect":
+        return " ".join([_verdict(answer, why), *formulas])
+    lacks, near = _unknown(answer, drifts)
+    if formulas and not answer.formulas[0].beside:
         # What describes it comes before what does not, and what does not even lower the error is of no use.
-        near = [rest] if any(suspect.proof.falls for suspect in answer.found) else []
-        return " ".join([f"{_LACKS}.", *formulas, *near])
-    return " ".join([verdict, *formulas])
+        return " ".join([lacks, *formulas, *(near if any(suspect.proof.falls for suspect in answer.found) else [])])
+    return " ".join([lacks, *near, *formulas])
 
 
-def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
+def _verdict(answer: Diagnosis, why: str) -> str:
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
         return (
@@ -35,9 +35,7 @@ def _verdict(answer: Diagnosis, drifts: bool, why: str) -> str:
         )
     if answer.verdict == "missing_effect":
         return _missing(answer)
-    if answer.verdict == "undecided":
-        return _suspected(answer) if answer.found else _undecided(answer, why)
-    return _unknown(answer, drifts)
+    return _suspected(answer) if answer.found else _undecided(answer, why)
 
 
 def ranking_reason(answer: Diagnosis) -> str:
@@ -123,19 +121,20 @@ def _slow(answer: Diagnosis) -> str:
     return " A slow cause that no channel records cannot be told from the noise without an isothermal run (--static)."
 
 
-def _unknown(answer: Diagnosis, drifts: bool) -> str:
+def _unknown(answer: Diagnosis, drifts: bool) -> tuple[str, list[str]]:
+    """That the model lacks something, and what of the catalogue comes near to it."""
     rest = answer.unexplained
     if drifts and not rest and answer.noise_finding:
-        return f"The model lacks something that the catalogue does not explain: {answer.noise_finding}."
+        return f"The model lacks something that the catalogue does not explain: {answer.noise_finding}.", []
     if answer.nearest:
-        return _nearest(answer)
+        return f"{_LACKS}.", [_nearest(answer)]
     place = f": a misfit {_where(rest[0])}" if rest else ""
-    text = f"{_LACKS}{place}."
+    near = []
     if answer.found:
-        text += f" {answer.found[0].effect} explains a part of it."
+        near = [f"{answer.found[0].effect} explains a part of it."]
     elif answer.suspects and not answer.formulas:
-        text += f" The nearest effect of the catalogue is {answer.suspects[0].effect}, no better than chance."
-    return text
+        near = [f"The nearest effect of the catalogue is {answer.suspects[0].effect}, no better than chance."]
+    return f"{_LACKS}{place}.", near
 
 
 def _nearest(answer: Diagnosis) -> str:
@@ -147,7 +146,7 @@ def _nearest(answer: Diagnosis) -> str:
         scale, much = answer.floor_dph, "x the noise floor"
     before, after = number(proof.before_dph / scale, 2), number(proof.after_dph / scale, 2)
     return (
-        f"{_LACKS}. The nearest entry of the catalogue is {name}: with it the error on {proof.unseen} changes from "
+        f"The nearest entry of the catalogue is {name}: with it the error on {proof.unseen} changes from "
         f"{before} to {after} {much}, so it behaves like that and is something else, or not all."
     )
 

@@ -19,7 +19,7 @@ def states(ranges: Ranges) -> list[Block]:
     snap = latch(ranges)
     blocks = [
         Block(f"total((temperature - {0.5 * (low + high):.4g}))", "time spent warm", "degC h"),
-        Block("total((temperature - {centre}) + abs(temperature - {centre}))", "time spent above a temperature",
+        Block("total(above(temperature - {centre}))", "time spent above a temperature",
               "degC h", (("centre", (low, high)),), inner(low, high, 9), places=1),
         snap,
         replace(snap, text=f"lag({snap.text}, {{tau_s}})", words=f"the memory of {snap.words}",
@@ -36,6 +36,9 @@ def states(ranges: Ranges) -> list[Block]:
         _behind(ranges),
         *_relaxing(ranges),
         _turned(ranges, "temperature", "temperature"),
+        *_fading(ranges),
+        *_hops(ranges),
+        _yielding(ranges, "dT_dt", "dT/dt"),
     ]
     if ranges.gap:
         blocks += [
@@ -47,9 +50,8 @@ def states(ranges: Ranges) -> list[Block]:
         blocks.append(_film("(temperature - chamber_temperature)", "the unit is warmer than the air"))
     for name in ranges.switched:
         late = f"delay({name}, 30)"
-        for words, text in (("starts", f"({name} - {late})"), ("stops", f"({late} - {name})")):
-            rises = f"({text} + abs({text}))"
-            blocks.append(replace(lagged(rises, f"the {words} of the {name}", "", length_s), drives=True))
+        for words, text in (("starts", f"{name} - {late}"), ("stops", f"{late} - {name}")):
+            blocks.append(replace(lagged(f"above({text})", f"the {words} of the {name}", "", length_s), drives=True))
     for name in ranges.moved:
         low, high = ranges.of(name)
         fast = f"({name} - lag({name}, {{tau_s}}))**2"
@@ -107,6 +109,39 @@ def _relaxing(ranges: Ranges) -> list[Block]:
     return [Block("(temperature - lag(temperature, {tau_s}))", words, "degC", (tau,), tried, looser=faster), faster]
 
 
+def _fading(ranges: Ranges) -> list[Block]:
+    """The most extreme temperature so far, of which a part is forgotten within the run."""
+    ends, tried = (0.125 * ranges.length_s, 8.0 * ranges.length_s), (0.3 * ranges.length_s, 1.5 * ranges.length_s)
+    return [
+        Block(f"exp(-time/{{tau_s}}) * {which}((temperature - 25) * exp(time/{{tau_s}}))",
+              f"the {which} temperature so far, slowly forgotten", "degC", (("tau_s", ends),),
+              tuple((tau,) for tau in tried))
+        for which in ("highest", "lowest")
+    ]  # fmt: skip
+
+
+def _hops(ranges: Ranges) -> list[Block]:
+    """What grows with the temperature, or one that lags, and jumps back at every so many degrees."""
+    low, high = ranges.temperature
+    span = high - low
+    steps = [span / count for count in (2.0, 2.6, 3.4, 4.5, 6.0, 8.0, 10.6, 14.0)]
+    tried = tuple((low + phase * step, step) for step in steps for phase in (0.0, 0.25, 0.5, 0.75))
+    bounds = (("at", (low, high)), ("step", (0.02 * span, 0.6 * span)))
+    words = "what jumps back at every so many degrees"
+    late = Block("sawtooth((lag(temperature, {tau_s}) - {at})/{step})", f"{words} of a temperature that lags", "",
+                 (("tau_s", (20.0, 2000.0)), *bounds), tuple((tau, *one) for tau in (60.0, 200.0) for one in tried),
+                 places=1)  # fmt: skip
+    return [Block("sawtooth((temperature - {at})/{step})", words, "", bounds, tried, places=1), late]
+
+
+def _yielding(ranges: Ranges, driver: str, called: str) -> Block:
+    """A strain that yields by a power of the stress, as Norton's law has it for solder, and recovers."""
+    tried = tuple((power, *one) for power in (2.0, 4.0) for one in lags(ranges.length_s / 2.0, 2))
+    bounds = (("power", (1.0, 8.0)), ("tau_s", (20.0, max(ranges.length_s, 200.0))))
+    return Block(f"lag(sign({driver}) * abs({driver})**{{power}}, {{tau_s}})", f"the memory of a power of {called}", "",
+                 bounds, tried)  # fmt: skip
+
+
 def _hinge(ranges: Ranges) -> Block:
     """What the gap between air and unit drags along with play."""
     wide = 2.0 * ranges.widest()
@@ -143,6 +178,6 @@ def _wound(ranges: Ranges, name: str) -> Block:
 
 def _film(gap: str, words: str) -> Block:
     """What grows with a difference, and is lost faster or slower by the opposite one until nothing is left."""
-    flow = f"total({gap} + {{loss}} * ({gap} - abs({gap})))"
+    flow = f"total({gap} - {{loss}} * above(-{gap}))"
     return Block(f"({flow} - lowest({flow}))", f"a film that grows while {words}", "degC h",
-                 (("loss", (-0.45, 5.0)),), ((-0.25,), (0.0,), (0.5,), (2.0,)))  # fmt: skip
+                 (("loss", (-0.9, 10.0)),), ((-0.5,), (0.0,), (1.0,), (4.0,)))  # fmt: skip

@@ -26,14 +26,16 @@ from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
     "lag": 2, "delay": 2, "play": 2, "slew": 2, "dead_zone": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
-    "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
+    "above": 1, "sawtooth": 1, "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
 }  # fmt: skip
 """Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, slew(x,
 per_min) that follows x no faster than this, dead_zone(x, width), what of x is further than this from 0, latch(x, high,
 low), 1 from where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours since
-the run began, highest(x) and lowest(x) of the run so far. The time constant of a lag may change with a channel."""
+the run began, highest(x) and lowest(x) of the run so far, above(x), x where it is above 0 and else 0, sawtooth(x), from
+-0.5 to 0.5 between whole numbers. The time constant of a lag may change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
+    "above": lambda x: np.maximum(x, 0.0), "sawtooth": lambda x: x - np.floor(x) - 0.5,
     "abs": np.abs, "exp": np.exp, "log": np.log, "sqrt": np.sqrt,
     "sin": np.sin, "cos": np.cos, "tanh": np.tanh, "sign": np.sign,
 }  # fmt: skip
@@ -52,7 +54,7 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide, ast.Pow: np.power,
 }  # fmt: skip
 _DERIVED = ("dT_dt", "direction", "time")
-_MAX_LENGTH, _MAX_NODES = 600, 300
+_MAX_LENGTH, _MAX_NODES = 1000, 400
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _PARSING = threading.Lock()
 """Python up to 3.12 counts the depth of all trees that are parsed at a time as one, and the filters of warnings are one

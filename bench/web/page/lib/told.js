@@ -23,7 +23,7 @@ sentences.sort((one, other) => other.weight - one.weight);
 
 /** A number or a name with an underscore, as the language writes it; null for any other text. */
 function plain(text, column) {
-  if (NUMBER.test(text)) return text.replace(".", rules.decimal[column]).replace("-", "−");
+  if (NUMBER.test(text)) return text.replaceAll(",", rules.thousands[column]).replace(".", rules.decimal[column]).replace("-", "−");
   if (MEASURED.test(text)) {
     const parts = text.split(" ").map((part) => tell(part, column) ?? (BARE.test(part) ? part : null));
     return parts.includes(null) ? null : parts.join(" ").replace(TIGHT, "");
