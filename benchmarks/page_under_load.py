@@ -54,7 +54,6 @@ class Load:
 
     first: str = ""
     then: str = ""
-    wants_token: bool = False
 
 
 LOADS = {
@@ -62,7 +61,7 @@ LOADS = {
     "slow headers": Load(f"GET / HTTP/1.1\r\n{_HEAD}X-Slow: ", "a"),
     "slow bodies": Load(_POST, " "),
     "abandoned uploads": Load(f"{_UPLOAD}\r\n{_FORM}", ""),
-    "abandoned uploads of an engineer": Load(f"{_UPLOAD}Authorization: Bearer TOKEN\r\n\r\n{_FORM}", "", True),
+    "abandoned uploads of an engineer": Load(f"{_UPLOAD}Authorization: Bearer TOKEN\r\n\r\n{_FORM}", ""),
     "no token": Load(f"GET /api/v1/runs HTTP/1.1\r\n{_HEAD}\r\n", f"GET /api/v1/runs HTTP/1.1\r\n{_HEAD}\r\n"),
     "wrong tokens": Load(f"GET /api/v1/runs HTTP/1.1\r\n{_HEAD}Authorization: Bearer no\r\n\r\n", ""),
     "unread answers": Load(f"GET /static/app.js HTTP/1.1\r\n{_HEAD}\r\n" * 20, ""),

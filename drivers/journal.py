@@ -147,11 +147,6 @@ class JournalTail:
         self.skipped_bytes += skipped
         return blocks
 
-    @property
-    def torn_bytes(self) -> int:
-        """Bytes at the end that are not (yet) a complete block."""
-        return len(self._rest)
-
 
 @dataclass
 class Damage:

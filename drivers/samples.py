@@ -269,11 +269,6 @@ class SampleClock:
                 hull.pop()
             hull.append(point)
 
-    @property
-    def drift_ppm(self) -> float:
-        """How much slower than nominal the unit's clock runs [ppm]; 0 for less than half a minute of frames."""
-        return self._line()[1] / self._interval_ns * 1e6
-
     def estimate(self) -> ClockEstimate:
         """Estimate of the unit's clock; ValueError before the first frame."""
         offset_ns, slope_ns = self._line()

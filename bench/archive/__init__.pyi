@@ -59,7 +59,7 @@ from .fleet.units import selected as selected
 from .registry.asking import certificates as certificates
 from .registry.asking import equipment as equipment
 from .registry.asking import known_runs as known_runs
-from .registry.asking import knows_unit as knows_unit
+from .registry.asking import known_unit as known_unit
 from .registry.asking import plain as plain
 from .registry.asking import runs as runs
 from .registry.asking import show as show

@@ -19,6 +19,7 @@ from .config import load_config as load_config
 from .crew import Aside as Aside
 from .crew import shared as shared
 from .crew import usual_workers as usual_workers
+from .digits import bound as bound
 from .digits import clock as clock
 from .digits import counted as counted
 from .digits import ends as ends

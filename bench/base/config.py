@@ -28,7 +28,6 @@ __all__ = [
     "parse_yaml",
     "read_text",
     "read_yaml",
-    "schema_line",
     "schema_text",
 ]
 
@@ -202,8 +201,3 @@ def export_schema(model: type[Any], path: Path, title: str | None = None) -> boo
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     return True
-
-
-def schema_line(path: str) -> str:
-    """First line of a YAML file that makes editors complete and check it by the schema at `path`."""
-    return f"# yaml-language-server: $schema={path}\n"

@@ -40,6 +40,11 @@ def ends(low: float, high: float, digits: int = 3) -> tuple[str, str]:
     return number(low, digits), number(high, digits)
 
 
+def bound(value: float | None) -> str:
+    """An end of a range; an ellipsis for an open one."""
+    return "…" if value is None else f"{value:g}"
+
+
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Value and standard uncertainty [same unit], both to the last of two significant digits of the uncertainty."""
     if value == 0 and uncertainty == 0:

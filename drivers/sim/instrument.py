@@ -119,9 +119,9 @@ class ModbusInstrument:
         self._lock = threading.Lock()
         size = 16 + max(register.end for register in registers)
         self._spaces = {code: [0] * size for code in (1, 2, 3, 4)}
-        spans = sorted({(register.address, register.end) for register in registers if not register.is_bit})
+        spans = [(register.address, register.end) for register in registers if not register.is_bit]
         bits = any(register.is_bit for register in registers)
-        self._wire = ModbusWire(self._answer, _merged(spans) or [(0, 1)], bits=bits, port=port)
+        self._wire = ModbusWire(self._answer, spans or [(0, 1)], bits=bits, port=port)
 
     def __enter__(self) -> ModbusInstrument:
         return self
@@ -162,14 +162,3 @@ class ModbusInstrument:
             if not self.disobeys:
                 self._spaces[_READ_BACK[code]][address : address + len(new)] = new
             return []
-
-
-def _merged(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Spans that overlap or touch, as one."""
-    found: list[tuple[int, int]] = []
-    for low, high in spans:
-        if found and low <= found[-1][1]:
-            found[-1] = found[-1][0], max(high, found[-1][1])
-        else:
-            found.append((low, high))
-    return found

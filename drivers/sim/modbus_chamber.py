@@ -271,14 +271,7 @@ class ModbusChamber:
         """Served addresses: every register, and the whole polled blocks with their gaps."""
         spans = [(r.address, r.end) for r in self._map.registers.values() if not r.is_bit]
         blocks = [block for block in self._map.blocks if not block[0].is_bit]
-        spans += [(block[0].address, max(r.end for r in block)) for block in blocks]
-        merged: list[tuple[int, int]] = []
-        for low, high in sorted(spans):
-            if merged and low <= merged[-1][1]:
-                merged[-1] = merged[-1][0], max(high, merged[-1][1])
-            else:
-                merged.append((low, high))
-        return merged
+        return spans + [(block[0].address, max(r.end for r in block)) for block in blocks]
 
 
 def _status(register: Register, active: bool) -> int:

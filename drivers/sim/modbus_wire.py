@@ -54,7 +54,7 @@ class ModbusWire:
         `wire`: `tcp` or `rtu+tcp` on `port` of 127.0.0.1 (0: any free one), `rtu` on a new pseudo terminal, or
         `rtu:///dev/ttyUSB0?baudrate=9600` on a serial port. Raises LinkError when it cannot listen.
         """
-        self._answer, self._spans, self._bits = answer, spans, bits
+        self._answer, self._spans, self._bits = answer, _merged(spans), bits
         self._wire, self.port, self._device_id = wire, port, device_id
         self.url = ""
         self._owned = ExitStack()
@@ -149,6 +149,17 @@ class ModbusWire:
             known = [*answer, *[0] * (16 * count - len(answer))]
             words[first : first + count] = SimUtils.bitsToRegisters([bool(bit) for bit in known])
         return None
+
+
+def _merged(spans: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Spans that overlap or touch, as one."""
+    found: list[tuple[int, int]] = []
+    for low, high in sorted(spans):
+        if found and low <= found[-1][1]:
+            found[-1] = found[-1][0], max(high, found[-1][1])
+        else:
+            found.append((low, high))
+    return found
 
 
 async def _turns() -> None:

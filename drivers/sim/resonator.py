@@ -20,7 +20,6 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.errors import ConfigError
-from drivers.sim.plant import PlantState
 from drivers.sim.truth import MECHANISMS, AnyMechanism, ThermalMechanism
 from drivers.sim.truth.base import Contribution, FloatArray, Scene
 from drivers.sim.truth.channels import Channels, ChannelSettings
@@ -99,20 +98,6 @@ class Environment:
     visit: int = 0
     """How often it was turned before."""
     rate_hz: float = 500.0
-
-    @classmethod
-    def during(cls, t0_s: float, samples: int, before: PlantState, after: PlantState, **others: Any) -> Environment:
-        """Environment in a chamber that goes from one state to another; `others` are further fields."""
-        return cls(
-            t0_s,
-            samples,
-            fixture_temperature=(before.case, after.case),
-            air_temperature=(before.air, after.air),
-            compressor=float(after.compressor),
-            heater=after.heater,
-            humidity=after.humidity,
-            **others,
-        )
 
 
 @dataclass(frozen=True, slots=True)

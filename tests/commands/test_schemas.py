@@ -35,7 +35,7 @@ def test_schemas_are_valid_schemas(kind):
 @pytest.mark.parametrize("path", sorted(PROFILES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_profiles_name_their_schema_and_satisfy_it(path):
     first = path.read_text(encoding="utf-8").splitlines(keepends=True)[0]
-    assert first == config.schema_line("schemas/profile.json")
+    assert first == "# yaml-language-server: $schema=schemas/profile.json\n"
     assert (path.parent / "schemas/profile.json").is_file()
     jsonschema.validate(config.read_yaml(path).content, schema("profile"))
 

@@ -176,8 +176,8 @@ def test_two_thermal_mechanisms_are_refused():
 def test_a_plant_drives_a_unit():
     plant, unit = Plant(seed=1), Resonator(default_unit(), 1)
     for t in range(60):
-        before = plant.state
-        signals = unit.advance(Environment.during(float(t), 500, before, plant.step(1.0, 60.0), supply_v=5.0))
+        ends = plant.state.case, plant.step(1.0, 60.0).case
+        signals = unit.advance(Environment(float(t), 500, ends, supply_v=5.0))
     assert signals.temperature[-1] == pytest.approx(plant.state.case, abs=1.0)
 
 

@@ -135,12 +135,6 @@ class Fit:
             outside |= (values < low - allowed) | (values > high + allowed)
         return outside
 
-    def contributions(self, dataset: Dataset) -> dict[str, FloatArray]:
-        """What each effect adds (n,) [deg/h], and the `constant`; they sum to the prediction."""
-        columns = self.bound.columns(dataset)
-        parts = {key: columns[:, own] @ self.beta[own] for key, own in self.bound.slices.items()}
-        return {"constant": np.full(len(dataset), self.beta[0]), **parts}
-
     def to_json(self) -> dict[str, Any]:
         """JSON object for calibration.json; numbers that do not exist are null."""
         return {

@@ -29,16 +29,12 @@ class Normal:
     back: FloatArray
     start: FloatArray
 
-    def sum(self, groups: FloatArray | None = None) -> Normal:
-        """The form of all groups, or of those marked in `groups` (g,)."""
-        w = np.ones(self.right.shape[0]) if groups is None else groups.astype(np.float64)
-
-        def total(part: FloatArray) -> FloatArray:
-            added: FloatArray = np.asarray(np.tensordot(w, part, 1), dtype=np.float64)
-            return added
-
-        parts = (total(self.gram), total(self.right), total(self.square), total(self.rows))
-        return Normal(*parts, self.back, self.start)
+    def sum(self) -> Normal:
+        """The form of all groups."""
+        whole = np.ones(self.right.shape[0])
+        parts = (self.gram, self.right, self.square, self.rows)
+        gram, right, square, rows = (np.asarray(np.tensordot(whole, part, 1)) for part in parts)
+        return Normal(gram, right, square, rows, self.back, self.start)
 
     def error(self, inner: FloatArray) -> FloatArray:
         """Square sum of the residuals (...) of coefficients in the inner basis (p,) or (..., p)."""

@@ -55,8 +55,6 @@ class Scatter:
     variances: Mapping[str, float]
     root: FloatArray
     """Lower Cholesky factor of the covariance."""
-    log_likelihood: float
-    """Of the data under the restricted likelihood."""
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Values (n,) or columns (n, k) with unit covariance."""
@@ -107,7 +105,7 @@ def estimate(
         return likelihood.curvature(shares) + _PULL * np.eye(len(shares))
 
     best = minimized(value, slope, curvature, likelihood.size)
-    return likelihood.scatter(best, -value(best))
+    return likelihood.scatter(best)
 
 
 def minimized(
@@ -176,11 +174,11 @@ class Likelihood:
         """Its second derivative (k, k), about."""
         return self._evaluated(shares)[1]
 
-    def scatter(self, shares: FloatArray, log_likelihood: float = np.nan) -> Scatter:
+    def scatter(self, shares: FloatArray) -> Scatter:
         """The variances and their covariance."""
         weights = self._weights(shares)
         own = dict(zip(self._kernels, weights.tolist(), strict=True))
-        return Scatter({**own, **self._known}, self._root(weights), log_likelihood)
+        return Scatter({**own, **self._known}, self._root(weights))
 
     def _weights(self, shares: FloatArray) -> FloatArray:
         return np.asarray(np.exp(np.clip(shares, _LEAST, _MOST)) * self._units)

@@ -50,7 +50,6 @@ class ShortPlan:
     """Share of the lot's cells of temperature that it goes through."""
     whole_s: float
     """Duration of the lot's whole runs."""
-    tried: int
 
     def to_yaml(self, lot: str, units: int) -> str:
         """The profile's file."""
@@ -85,8 +84,8 @@ def shortest(prior: Prior, target_dph: float, fastest: tuple[float, float] | Non
     plans = sorted(candidates(prior, driven, bounds, chamber), key=lambda plan: plan.duration_s)
     best: ShortPlan | None = None
     unlike = 0
-    for tried, plan in enumerate(plans, 1):
-        found = judged(prior, plan, bounds, chamber, tried)
+    for plan in plans:
+        found = judged(prior, plan, bounds, chamber)
         if found.seen < 1.0:
             continue
         if found.high_dph <= target_dph:
@@ -118,11 +117,11 @@ def _told(plan: ShortPlan) -> str:
     return f"{plan.error_dph:.3g} ({plan.low_dph:.3g} to {plan.high_dph:.3g}) deg/h"
 
 
-def judged(prior: Prior, plan: Plan, limits: ChamberLimits, chamber: ChamberModel, tried: int = 1) -> ShortPlan:
+def judged(prior: Prior, plan: Plan, limits: ChamberLimits, chamber: ChamberModel) -> ShortPlan:
     """What a plan leaves."""
     planned = predicted_record(prior.records, plan.setpoint(), _ROW_S, chamber)
     error, low, high, seen = prior.foreseen(planned)
-    return ShortPlan(plan, limits, error, low, high, seen, prior.duration_s, tried)
+    return ShortPlan(plan, limits, error, low, high, seen, prior.duration_s)
 
 
 def candidates(prior: Prior, driven: ChamberLimits, limits: ChamberLimits, chamber: ChamberModel) -> Iterator[Plan]:

@@ -49,20 +49,16 @@ def overview(found: Statistics) -> Found:
 
 def _attention(found: Statistics) -> Found:
     """The parts of the sentence that `bench fleet` prints."""
-    places = {
-        kind: list(dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant))
-        for kind in ("station", "lot")
-    }
     return {
         "quiet": found.quiet,
         "silent": found.silent,
         "outside": found.passes.outside,
         "unjudged": found.passes.unjudged,
-        "stations": places["station"],
+        "stations": found.drifted("station"),
         "shifted": list(dict.fromkeys(one.place for one in found.shifts)),
-        "lots": places["lot"],
+        "lots": found.drifted("lot"),
         "odd": [found.fleet.newest[one.row].unit for one in found.odd],
-        "beyond": [one.name for one in found.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)],
+        "beyond": found.beyond,
     }
 
 

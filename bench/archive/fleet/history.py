@@ -13,12 +13,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select
-
+from bench.archive.registry.asking import known_unit, rows_of
 from bench.archive.registry.asking import runs as runs_of
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import IMU
-from bench.archive.registry.writing import TABLES
 from bench.base import InputError
 from bench.record import (
     CertificateRecord,
@@ -54,9 +52,7 @@ class Archive:
 
 def unit_history(registry: Registry, archive: Archive, serial: str, now: datetime) -> Found:
     """The whole history, newest first; InputError for a unit that is not in the registry."""
-    with registry.reading() as connection:
-        unit = TABLES["units"]
-        known = connection.execute(select(unit).where(unit.c.serial == serial)).mappings().first()
+    known = known_unit(registry, serial)
     if known is None:
         raise InputError(f"no unit '{serial}' in the registry; the list of units shows the known ones")
     found = runs_of(registry, serial)
@@ -99,7 +95,9 @@ def calibrations(
     registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any]], memory: Sequence[Found], now: datetime
 ) -> list[Found]:
     """Calibrations of one unit's runs, the newest first."""
-    rows, numbers = _rows(registry, [run["id"] for run in runs])
+    ids = [run["id"] for run in runs]
+    tables = ("calibrations", "certificates")
+    rows, issued = ({row["run"]: row for row in rows_of(registry, table, ids)} for table in tables)
     printed = dict(_printed(archive.root, slug(str(runs[0]["unit"])))) if runs else {}
     held = next((one["run"] for one in memory if one["state"] == "done"), None)
     out: list[Found] = []
@@ -109,9 +107,10 @@ def calibrations(
             continue
         held_here = held in _names(run, row, archive)
         status = "in_unit" if held_here else _status(run, row, passed_before=any(one["usable"] for one in out))
-        certificate = numbers.get(run["id"])
-        if certificate is not None:
-            certificate = {**certificate, "pdf": certificate["number"] in printed}
+        certificate = None
+        if own := issued.get(run["id"]):
+            certificate = {key: own[key] for key in ("number", "verdict", "issued", "operator")}
+            certificate["pdf"] = own["number"] in printed
         out.append({
             "run": run["path"], "created": run["created"], "age_days": _age_days(run["created"], now),
             "model": row["model"], "verdict": row["verdict"], "judged": row["judged"], "limits": row["limits"],
@@ -134,22 +133,6 @@ def _status(run: Mapping[str, Any], row: Mapping[str, Any], passed_before: bool)
     if row["judged"] in _REFUSED or row["verdict"] in _UNPROVEN or run["state"] != "done":
         return "not_passed"
     return "superseded" if passed_before else "newest"
-
-
-def _rows(registry: Registry, ids: Sequence[str]) -> tuple[dict[str, Found], dict[str, Found]]:
-    """Calibrations and certificates by run."""
-    out: list[dict[str, Found]] = []
-    with registry.reading() as connection:
-        for name in ("calibrations", "certificates"):
-            table, found = TABLES[name], dict[str, Found]()
-            for start in range(0, len(ids), 500):
-                chosen = select(table).where(table.c.run.in_(ids[start : start + 500]))
-                found |= {row["run"]: dict(row) for row in connection.execute(chosen).mappings()}
-            out.append(found)
-    certificates = {
-        run: {key: row[key] for key in ("number", "verdict", "issued", "operator")} for run, row in out[1].items()
-    }
-    return out[0], certificates
 
 
 def printed_certificate(root: Path, serial: str, number: str) -> Path | None:

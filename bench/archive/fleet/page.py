@@ -53,16 +53,14 @@ def sentence(found: Statistics) -> str:
         why = f" (no unit has {listed(list(found.missing))})" if found.missing else ""
         parts.append(f"{unknown} of {len(found.words)} units are not judged: their runs do not allow it{why}")
     for kind in ("station", "lot"):
-        places = dict.fromkeys(one.place for one in found.drifts if one.kind == kind and one.significant)
-        if places:
-            parts.append(f"{kind} {listed(list(places))} {_VERBS[kind][len(places) > 1]}")
+        if places := found.drifted(kind):
+            parts.append(f"{kind} {listed(places)} {_VERBS[kind][len(places) > 1]}")
     parts += [said(one, found) for one in found.shifts]
     if found.odd:
         serials = [found.fleet.newest[one.row].unit for one in found.odd]
         parts.append(f"{listed(serials[:5])}{' and others' if len(serials) > 5 else ''} unlike their lot")
-    beyond = [one.name for one in found.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)]
-    if beyond:
-        parts.append(f"units beyond three sigma in {listed(beyond)}")
+    if found.beyond:
+        parts.append(f"units beyond three sigma in {listed(found.beyond)}")
     if found.silent:
         return "There are too few units: none was judged against limits, and no quantity has a chart."
     text = "; ".join(parts) or "nothing needs attention: no drift, no shift, no odd unit, no value beyond three sigma"

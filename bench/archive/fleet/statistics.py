@@ -99,12 +99,20 @@ class Statistics:
         }  # fmt: skip
 
     @property
+    def beyond(self) -> list[str]:
+        """Quantities of which a unit is beyond three sigma."""
+        return [one.name for one in self.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)]
+
+    def drifted(self, kind: str) -> list[str]:
+        """Stations or lots that differ from the others."""
+        return list(dict.fromkeys(one.place for one in self.drifts if one.kind == kind and one.significant))
+
+    @property
     def quiet(self) -> bool:
         """Whether nothing needs attention: all units judged and within, no drift, shift, odd unit or signal."""
-        beyond = any(signal.rule == 1 for one in self.measured if one.chart for signal in one.chart.signals)
         moved = any(one.significant for one in self.drifts)
         refused = self.passes.outside + self.passes.unjudged > 0
-        return not (beyond or moved or self.shifts or self.odd or refused)
+        return not (self.beyond or moved or self.shifts or self.odd or refused)
 
     @property
     def silent(self) -> bool:

@@ -7,11 +7,10 @@ from datetime import datetime, timedelta
 from typing import Any
 
 import plotly.graph_objects as go
-from sqlalchemy import select
 
 from bench.archive.fleet.history import Archive
+from bench.archive.registry.asking import rows_of
 from bench.archive.registry.opening import Registry
-from bench.archive.registry.writing import TABLES
 from bench.base import InputError, in_print
 from bench.deliver import CYCLE, VERMILION, Plot, axis, level_line, plot
 from bench.record import JudgedQuantity, LimitsRecord
@@ -34,7 +33,7 @@ def trends(registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any
     points: dict[str, list[Found]] = {}
     units: dict[str, str] = {}
     by_id = {f"{run['archive']}/{run['path']}": run for run in runs}
-    for row in _quantities(registry, list(by_id)):
+    for row in rows_of(registry, "quantities", list(by_id)):
         run = by_id[row["run"]]
         point = {"run": run["path"], "created": run["created"], "profile": run["profile"], "value": row["value"]}
         points.setdefault(row["name"], []).append(point)
@@ -94,15 +93,6 @@ def _around(moments: Collection[str]) -> dict[str, Any]:
         return {}
     moment, day = datetime.fromisoformat(*moments), timedelta(days=1)
     return {"range": [(moment - day).isoformat(), (moment + day).isoformat()]}
-
-
-def _quantities(registry: Registry, ids: Sequence[str]) -> list[Found]:
-    table, found = TABLES["quantities"], []
-    with registry.reading() as connection:
-        for start in range(0, len(ids), 500):
-            chosen = select(table).where(table.c.run.in_(ids[start : start + 500]))
-            found += [dict(row) for row in connection.execute(chosen).mappings()]
-    return found
 
 
 def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, JudgedQuantity]:

@@ -56,10 +56,10 @@ def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:
     return here, frozenset(row["path"] for row in paths)
 
 
-def knows_unit(registry: Registry, serial: str) -> bool:
-    """Whether the registry has a unit."""
+def known_unit(registry: Registry, serial: str) -> dict[str, Any] | None:
+    """A unit of the registry; None where it has no such one."""
     unit = TABLES["units"]
-    return bool(_found(registry, select(unit.c.serial).where(unit.c.serial == serial)))
+    return next(iter(_found(registry, select(unit).where(unit.c.serial == serial))), None)
 
 
 def equipment(registry: Registry) -> Found:
@@ -85,10 +85,9 @@ def certificates(registry: Registry, unit: str | None = None) -> Found:
 
 def show(registry: Registry, name: str) -> dict[str, Any]:
     """A unit with its runs, or a run with its rows in all tables; InputError where the registry has neither."""
-    unit, run = TABLES["units"], TABLES["runs"]
-    units = _found(registry, select(unit).where(unit.c.serial == name))
-    if units:
-        return {"unit": units[0], "runs": runs(registry, name)}
+    run = TABLES["runs"]
+    if unit := known_unit(registry, name):
+        return {"unit": unit, "runs": runs(registry, name)}
     path = name.strip("/")
     of_archives = TABLES["archives"].c.id + "/"
     anywhere = "/".join(path.split("/")[-2:])  # a folder, named from anywhere
@@ -100,10 +99,14 @@ def show(registry: Registry, name: str) -> dict[str, Any]:
         several = ", ".join(one["id"] for one in found[:5])
         said = f"several runs are called '{name}': {several}" if found else f"no unit or run '{name}'"
         raise InputError(f"registry: {said}; `bench registry list` lists the runs", registry.url)
-    own = {
-        table: _found(registry, select(TABLES[table]).where(TABLES[table].c.run == found[0]["id"])) for table in OF_RUNS
-    }
-    return {"run": found[0], **own}
+    return {"run": found[0], **{table: rows_of(registry, table, [found[0]["id"]]) for table in OF_RUNS}}
+
+
+def rows_of(registry: Registry, table: str, runs: Sequence[str]) -> Found:
+    """Rows of a table that belong to these runs, by their ids."""
+    run = TABLES[table].c.run
+    parts = (runs[start : start + 500] for start in range(0, len(runs), 500))
+    return [row for part in parts for row in _found(registry, select(TABLES[table]).where(run.in_(part)))]
 
 
 def _found(registry: Registry, chosen: Any) -> Found:

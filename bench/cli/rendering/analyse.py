@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import analysis
-from bench.base import finite, in_own, say, verdict_word
+from bench.base import bound, finite, in_own, say, verdict_word
 from bench.cli.rendering.diagnose import next_run
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
-from bench.cli.rendering.printing import bound, content, lines, number, table, unit_text
+from bench.cli.rendering.printing import content, lines, number, table, unit_text
 from bench.commands import (
     Compared,
     ComparedSamples,

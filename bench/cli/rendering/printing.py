@@ -104,8 +104,3 @@ def number(value: float | None) -> str:
     """Four decimals, or a dash without a number."""
     known = None if value is None else finite(value)
     return "-" if known is None else f"{known:.4f}"
-
-
-def bound(value: float | None) -> str:
-    """An end of a range; an ellipsis for an open one."""
-    return "…" if value is None else f"{value:g}"

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.base import bound
 from bench.commands.calibration.job import Case
 from bench.commands.calibration.plan import Action, Policy
 from bench.record import DiagnosisRecord, Verdict
@@ -62,7 +63,7 @@ def judged(content: Mapping[str, Any]) -> tuple[Case, ...]:
         word = result["verdict"]
         unit = "" if result["unit"] == "1" else f" {result['unit']}"
         value = result["reason"] if result["value"] is None else f"{result['value']:.6g}{unit}"
-        text = f"{word or 'not measured'}: {value}, limits {_bound(result['lower'])} to {_bound(result['upper'])}{unit}"
+        text = f"{word or 'not measured'}: {value}, limits {bound(result['lower'])} to {bound(result['upper'])}{unit}"
         cases.append(Case(result["name"], "" if word is None or Verdict(word).within else word, word is None, text))
     return tuple(cases)
 
@@ -73,7 +74,3 @@ def verdict_of(word: str, policy: Policy, what: str) -> tuple[str, str]:
         text = f"{what} is MARGINAL"
         return (text, "") if policy.marginal == "hold" else ("", text)
     return ("", f"{what} is {word}") if word in {"FAIL", "INVALID"} else ("", "")
-
-
-def _bound(value: float | None) -> str:
-    return "…" if value is None else f"{value:g}"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from bench.base import InputError
 from bench.deliver.certificate.certificate import number_of
 from bench.deliver.certificate.dcc import DCC, SI
-from bench.deliver.certificate.signer import LABORATORY, SIMULATED, fingerprint
+from bench.deliver.certificate.signer import LABORATORY, SIMULATED, content_of, fingerprint
 from bench.record import keys_folder
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def check_certificate(file: Path, trust: Sequence[Path] = ()) -> CheckedCertific
     """
     for name in ("pyhanko", "pyhanko_certvalidator"):  # what they log is in the answer
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    data = _read(file)
+    data = content_of(file)
     anchors = tuple(_anchors(trust))
     if data.lstrip()[:5] == b"%PDF-":
         return CheckedCertificate(file, *_pdf(data, anchors))
@@ -62,20 +62,13 @@ def check_certificate(file: Path, trust: Sequence[Path] = ()) -> CheckedCertific
     raise InputError("is neither the PDF nor the XML of a certificate", file)
 
 
-def _read(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", file) from None
-
-
 def _anchors(trust: Sequence[Path]) -> Iterator[Certificate]:
     from cryptography.x509 import load_pem_x509_certificates
 
     own = [keys_folder() / name for name in (f"{LABORATORY}.pem", SIMULATED)]
     for path in (*trust, *(path for path in own if path.is_file())):
         try:
-            yield from load_pem_x509_certificates(_read(path))
+            yield from load_pem_x509_certificates(content_of(path))
         except ValueError as error:
             raise InputError(f"is no certificate in PEM ({error})", path) from None
 

@@ -125,12 +125,12 @@ def load_signer(key: Path, certificate: Path) -> Signer:
 
     password = os.environ.get(PASSWORD)
     try:
-        private = load_pem_private_key(_read(key), None if password is None else password.encode())
+        private = load_pem_private_key(content_of(key), None if password is None else password.encode())
     except (ValueError, TypeError) as error:
         todo = f"its password is read from {PASSWORD}"
         raise InputError(f"is no private key in PEM that can be read ({error}); {todo}", key) from None
     try:
-        chain = tuple(load_pem_x509_certificates(_read(certificate)))
+        chain = tuple(load_pem_x509_certificates(content_of(certificate)))
     except ValueError as error:
         raise InputError(f"is no certificate in PEM ({error})", certificate) from None
     if _kind(private) == "":
@@ -155,7 +155,8 @@ def _kind(key: Any) -> str:
     )
 
 
-def _read(path: Path) -> bytes:
+def content_of(path: Path) -> bytes:
+    """Of a key or a certificate; InputError where it cannot be read."""
     try:
         return path.read_bytes()
     except OSError as error:

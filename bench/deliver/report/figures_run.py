@@ -41,21 +41,20 @@ def profile_figure(dataset: Dataset, failed: Sequence[tuple[float, float]]) -> P
 
 def loop_figure(dataset: Dataset) -> Plot:
     """Bias over temperature, coloured by time, with arrows in the direction of travel."""
-    temperature, bias, hours = dataset.channel("temperature"), zero_rate(dataset), dataset.time / HOUR_S
-    rows = plotting.thin(bias)
-    marker = {
-        "color": plotting.plain(hours[rows]),
-        "colorscale": plotting.PASSAGE,
-        "size": 5,
-        "colorbar": {"title": {"text": "time [h]"}, "thickness": 14, "outlinewidth": 0},
-    }
-    x, y = plotting.plain(temperature[rows]), plotting.plain(bias[rows])
-    line = {"color": GREY, "width": 0.8}
-    traces = [
-        go.Scatter(x=x, y=y, mode="lines+markers", marker=marker, line=line, name="bias", showlegend=False),
-        _arrows(dataset),
-    ]
+    traces = [loop_trace(dataset, zero_rate(dataset), "bias", 0.8), _arrows(dataset)]
     return plotting.plot(traces, {"xaxis": axis(TEMPERATURE), "yaxis": axis(BIAS)}, 520)
+
+
+def loop_trace(dataset: Dataset, values: FloatArray, name: str, width: float, **more: Any) -> go.Scatter:
+    """Values (n,) over temperature, coloured by time."""
+    rows = plotting.thin(values)
+    marker = {
+        "color": plotting.plain(dataset.time[rows] / HOUR_S), "colorscale": plotting.PASSAGE, "size": 5,
+        "colorbar": {"title": {"text": "time [h]"}, "thickness": 14, "outlinewidth": 0},
+    }  # fmt: skip
+    x, y = plotting.plain(dataset.channel("temperature")[rows]), plotting.plain(values[rows])
+    style = {"mode": "lines+markers", "marker": marker, "line": {"color": GREY, "width": width}}
+    return go.Scatter(x=x, y=y, name=name, showlegend=False, **style, **more)
 
 
 def _arrows(dataset: Dataset) -> go.Scatter:

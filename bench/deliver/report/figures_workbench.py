@@ -12,8 +12,8 @@ from bench.base import BoolArray, FloatArray
 from bench.deliver.report import plotting
 from bench.deliver.report.figures_diagnosis import Coordinate, by_direction
 from bench.deliver.report.figures_model import LEFT, RESIDUAL, band
-from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE
-from bench.deliver.report.plotting import BLUE, CYCLE, GREEN, GREY, ORANGE, VERMILION, Plot, axis
+from bench.deliver.report.figures_run import BIAS, HOUR_S, TEMPERATURE, loop_trace
+from bench.deliver.report.plotting import BLUE, CYCLE, GREEN, ORANGE, VERMILION, Plot, axis
 from bench.record import Dataset
 
 _GRID = 200
@@ -121,16 +121,7 @@ def zeros_of(runs: Sequence[Dataset]) -> list[float]:
 
 def residuals_figure(dataset: Dataset, left: FloatArray, floor_dph: float | None) -> Plot:
     """Residual (n,) of a model over temperature, as a loop coloured by time."""
-    temperature, hours = dataset.channel("temperature"), dataset.time / HOUR_S
-    rows = plotting.thin(left)
-    marker = {
-        "color": plotting.plain(hours[rows]), "colorscale": plotting.PASSAGE, "size": 5,
-        "colorbar": {"title": {"text": "time [h]"}, "thickness": 14, "outlinewidth": 0},
-    }  # fmt: skip
-    x, y = plotting.plain(temperature[rows]), plotting.plain(left[rows])
-    line = {"color": GREY, "width": 0.6}
-    style: dict[str, Any] = {"mode": "lines+markers", "marker": marker, "line": line, "showlegend": False}
-    traces = [go.Scatter(x=x, y=y, name="residual", meta=LEFT, **style)]
+    traces = [loop_trace(dataset, left, "residual", 0.6, meta=LEFT)]
     layout: dict[str, Any] = {"xaxis": axis(TEMPERATURE), "yaxis": axis(RESIDUAL, zeroline=True)}
     if floor_dph is not None:
         layout["shapes"] = [plotting.shade(-floor_dph, floor_dph, GREEN, "y")]

@@ -14,7 +14,7 @@ from bench.archive import (
     Registry,
     Standing,
     figure,
-    knows_unit,
+    known_unit,
     listing,
     printed_certificate,
     trends,
@@ -253,7 +253,7 @@ def _known(stock: Stock, serial: str) -> None:
 def _opened(stock: Stock, serial: str) -> Registry:
     """The registry, which has the unit; HTTPException 404 where it does not."""
     registry = stock.open() if stock.exists else None
-    if registry is not None and knows_unit(registry, serial):
+    if registry is not None and known_unit(registry, serial):
         return registry
     if registry is not None:
         registry.close()

@@ -77,16 +77,6 @@ class Mechanism(BaseModel):
     lifelong: ClassVar[bool] = False
     """Whether one random stream serves all power-ons of the unit; otherwise each run draws from a new one."""
 
-    @classmethod
-    def describe(cls) -> str:
-        """The mechanism and its parameters with units and defaults, as text."""
-        lines = [(cls.__doc__ or "").strip()]
-        for name, info in cls.model_fields.items():
-            if name != "mechanism":
-                default = "required" if info.is_required() else f"default {info.default}"
-                lines.append(f"  {name}: {info.description} ({default})")
-        return "\n".join(lines)
-
 
 class Lag:
     """First-order lag, exact for an input that is linear over each step; starts in equilibrium."""
