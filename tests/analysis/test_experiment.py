@@ -12,7 +12,7 @@ from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.experiment import next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans, repetitions
 from bench.analysis.diagnosis.prediction import chamber_model, predicted_record
-from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
+from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -67,7 +67,7 @@ def judged(*runs):
     offered = {name: effects.make(name).suited(runs) for name in HIDDEN}
     found = weigh(layout.problem, [layout.candidate(effect, name) for name, effect in offered.items()], nulls=0)
     rivals = [Rival(s.name, offered[s.name], s.theta, s.evidence) for s in found.suspects]
-    return layout, rivals, NoiseLevel(found.suspects[0].point, found.suspects[0].sigma2)
+    return layout, rivals, found.suspects[0].point
 
 
 def strengthened(rivals):
@@ -125,10 +125,10 @@ def test_a_budget_that_nothing_fits_leaves_the_shortest():
 def test_weak_evidence_leaves_more_open_and_gets_a_longer_run(runs):
     layout, rivals, noise = judged(runs["hysteresis"])
     weak = [replace(rival, evidence=8.0) for rival in rivals]
-    loud = replace(noise, sigma2=16.0 * noise.sigma2)
-    strong, faint = (propose(layout, weak, each, LIMITS) for each in (noise, loud))
+    strong, faint = (propose(layout, each, noise, LIMITS) for each in (strengthened(rivals), weak))
     assert 0.0 <= faint.probability_before <= faint.probability_after <= faint.after_repeats <= 1.0
-    assert faint.probability_after < strong.probability_after or faint.duration_min >= strong.duration_min
+    assert faint.probability_before < strong.probability_before
+    assert faint.probability_after < strong.probability_after or faint.duration_min > strong.duration_min
 
 
 def test_what_no_profile_can_tell_is_said_with_the_best_probability(runs):

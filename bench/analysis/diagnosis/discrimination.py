@@ -22,7 +22,7 @@ from bench.analysis.diagnosis.limits import probability
 from bench.analysis.diagnosis.plan import Plan
 from bench.analysis.diagnosis.prediction import ChamberModel, chamber_model, predicted_record
 from bench.analysis.diagnosis.refine import Refiner
-from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
+from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.fit import design
 from bench.analysis.noise.likelihood import NoiseLattice, Point, coordinates, gls
@@ -66,7 +66,7 @@ class Expected:
 class Discrimination:
     """Rivals as the runs so far leave them, and what any plan promises."""
 
-    def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, seed: int = 0) -> None:
+    def __init__(self, layout: Layout, rivals: Sequence[Rival], noise: Point, seed: int = 0) -> None:
         """`noise` is the most likely one; its neighbours on the lattice take part by their likelihood."""
         self._layout, self._rivals, self._noise, self._seed = layout, rivals, noise, seed
         self._base = layout.rows.bind(layout.theta, trial=True)[0]
@@ -84,7 +84,7 @@ class Discrimination:
         """Noise points, their posterior weights, and the white variance at each."""
         rivals = list(zip(self._rivals, self._candidates, strict=True))
         best, candidate = max(rivals, key=lambda pair: pair[0].evidence)
-        points = NoiseLattice.around(self._noise.point, _HALF_DECADE)
+        points = NoiseLattice.around(self._noise, _HALF_DECADE)
         heights = np.array([self._refiner.height(candidate, best.theta, point) for point in points])
         order = np.argsort(heights)[:_NOISES]
         weights = np.exp(0.5 * (heights[order[0]] - heights[order]))
@@ -95,7 +95,7 @@ class Discrimination:
     @cached_property
     def _heights(self) -> list[FloatArray]:
         """-2 ln L of each rival over its grid, at the likeliest noise."""
-        point = self._noise.point
+        point = self._noise
         return [np.array([self._refiner.height(c, theta, point) for theta in c.grid()]) for c in self._candidates]
 
     @cached_property
@@ -175,7 +175,7 @@ class Discrimination:
         rows = self._layout.rows
         planned = predicted_record(rows.records, plan.setpoint(), rows.records[0].interval_s, self._chamber)
         columns = self._base.columns(planned)
-        known = lattice_of(self._layout.problem).at([self._noise.point])[0][0]
+        known = lattice_of(self._layout.problem).at([self._noise])[0][0]
         beta = gls(self._layout.problem.base, self._layout.problem.y, known).beta
         planned = planned.with_channel("rate", columns @ beta[: columns.shape[1]])
         masks = (*rows.masks, np.ones(len(planned), dtype=bool))

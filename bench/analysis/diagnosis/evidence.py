@@ -134,7 +134,6 @@ class Evidence:
     suspects: tuple[Suspect, ...]
     threshold: float
     nulls: FloatArray
-    lattice: NoiseLattice
     luck: Mapping[str, float] = field(default_factory=dict)
     """What is taken off the evidence of candidates beside their parameters, by name: chance favours slow effects among
     slow noise, and without this all others would have to beat what ageing reaches by chance."""
@@ -181,7 +180,7 @@ def weigh(  # noqa: PLR0913 - options of one search
     chance = (each - np.array([[luck[c.name]] for c in candidates])).max(axis=0) if nulls else np.empty(0)
     ranked = tuple(sorted(_weighted(suspects), key=lambda s: -s.evidence))
     height, sigma2 = surface.known[best]
-    return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, lattice, luck)
+    return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, luck)
 
 
 def _bars(candidates: Sequence[Candidate], each: FloatArray) -> tuple[float, dict[str, float]]:

@@ -28,13 +28,14 @@ from bench.analysis.diagnosis.plan import (
     plans,
     repetitions,
 )
-from bench.analysis.diagnosis.rivals import NoiseLevel, Rival
+from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
 from bench.analysis.effects import registry as effects
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.noise.likelihood import Point
 from bench.base import InputError, finite, listed, shared, usual_workers
 from bench.record import Dataset
 
@@ -136,8 +137,7 @@ def next_experiment(
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
         best = {name: next((s for s in evidence.suspects if s.effect == name), None) for name in tied}
         rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]
-        noise = NoiseLevel(evidence.suspects[0].point, evidence.suspects[0].sigma2)
-        return propose(layout, rivals, noise, limits)
+        return propose(layout, rivals, evidence.suspects[0].point, limits)
 
 
 def _telling(diagnosis: Diagnosis, limits: ChamberLimits, static: Dataset | None) -> Proposal | None:
@@ -170,9 +170,10 @@ def _telling(diagnosis: Diagnosis, limits: ChamberLimits, static: Dataset | None
 
 
 def propose(
-    layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits: ChamberLimits | None = None
+    layout: Layout, rivals: Sequence[Rival], noise: Point, limits: ChamberLimits | None = None
 ) -> Proposal | None:
-    """The run that tells these rivals apart, best first in `rivals`; None where all are one family.
+    """The run that tells these rivals apart, best first in `rivals`; None where all are one family. `noise` is a point
+    of the lattice.
 
     Where a thermal one is the best, and others of another family are thermal, too, the run tells these apart: a run in
     which somebody moves a channel by hand is for what stays open then.
@@ -202,7 +203,7 @@ def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
     return replace(proposal, why=f"{proposal.why}; {left}")
 
 
-def _designed(layout: Layout, rivals: Sequence[Rival], noise: NoiseLevel, limits: ChamberLimits) -> Proposal:
+def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: ChamberLimits) -> Proposal:
     rated = Discrimination(layout, rivals, noise)
     before = rated.expected(None)
     library = plans(limits)

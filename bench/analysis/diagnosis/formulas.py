@@ -214,7 +214,7 @@ class FormulaSearch:
         white = outside(beside.basis, way.apply(contribution))
         deviations = self._refiner.deviations(candidate, theta, fit.beta, point)[base.shape[1] :][: columns.shape[1]]
         gains = np.cumsum(beside.residual**2 - fit.residual**2) / sigma2
-        return FoundFormula(formula, theta, evidence, point, sigma2, own, deviations, contribution, white, gains)
+        return FoundFormula(formula, theta, evidence, point, own, deviations, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula with a block or a parameter more, and again, while that pays; of its size `tried` were tried."""

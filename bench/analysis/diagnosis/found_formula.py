@@ -26,7 +26,6 @@ class FoundFormula:
     theta: Theta
     evidence: float
     point: Point
-    sigma2: float
     amplitudes: FloatArray
     deviations: FloatArray
     contribution: FloatArray

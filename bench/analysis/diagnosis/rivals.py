@@ -1,4 +1,4 @@
-"""What a next experiment has to tell apart: effects as found, and the noise they were found in."""
+"""What a next experiment has to tell apart: effects as found."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.base import Effect
-from bench.analysis.noise.likelihood import Point
 
 
 @dataclass(frozen=True)
@@ -17,11 +16,3 @@ class Rival:
     effect: Effect
     theta: Theta
     evidence: float
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """Noise that the runs showed: lattice point, and the white variance of one mean [(deg/h)^2]."""
-
-    point: Point
-    sigma2: float

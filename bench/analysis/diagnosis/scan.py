@@ -38,7 +38,6 @@ class Scan:
     """
 
     entries: tuple[tuple[int, Theta], ...]
-    widths: IntArray
     excited: FloatArray
     """Largest share of an entry's variance outside the base (entries,)."""
     base: FloatArray
@@ -145,7 +144,7 @@ class Library:
             rss += (further + log_det - total * np.log(total))[:, None]
             where[rss[:, 0] < values[:, 0]] = number
             np.minimum(values, rss, out=values)
-        return Scan(self.entries, self.widths, excited, base, values, where)
+        return Scan(self.entries, excited, base, values, where)
 
     def _run(
         self, way: Whitener, run: FloatArray, excited: FloatArray
