@@ -123,9 +123,10 @@ def test_a_budget_that_nothing_fits_leaves_the_shortest():
 
 
 def test_weak_evidence_leaves_more_open_and_gets_a_longer_run(runs):
-    layout, rivals, noise = judged(runs["hysteresis"])
-    weak = [replace(rival, evidence=8.0) for rival in rivals]
-    strong, faint = (propose(layout, each, noise, LIMITS) for each in (strengthened(rivals), weak))
+    quiet = runs["hysteresis"]
+    noisy = quiet.channels["rate"] + np.random.default_rng(5).normal(0.0, 0.5, len(quiet))
+    loud = replace(quiet, channels={**quiet.channels, "rate": noisy})
+    strong, faint = (propose(*judged(run), LIMITS) for run in (quiet, loud))
     assert 0.0 <= faint.probability_before <= faint.probability_after <= faint.after_repeats <= 1.0
     assert faint.probability_before < strong.probability_before
     assert faint.probability_after < strong.probability_after or faint.duration_min > strong.duration_min
