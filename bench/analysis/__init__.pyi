@@ -131,6 +131,7 @@ from .judging.quantities import turning as turning
 from .judging.quantities import zero_rate as zero_rate
 from .judging.quantity import COVERAGE as COVERAGE
 from .judging.quantity import MEANING as MEANING
+from .judging.quantity import OF_DATA as OF_DATA
 from .judging.quantity import Quantity as Quantity
 from .judging.short_plan import ShortPlan as ShortPlan
 from .judging.short_plan import shortest as shortest

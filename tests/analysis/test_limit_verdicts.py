@@ -69,6 +69,15 @@ def test_what_was_not_measured_is_invalid_only_where_it_is_required():
     assert word(other, required=False) is None
 
 
+def test_data_outside_a_limit_of_their_quality_say_nothing_of_the_unit():
+    """A record that does not reach 83 degC is no unit to be put with the rejects, whatever else is wrong."""
+    wide = limit(quantity="highest_temperature_degc", unit="degC", lower=83.0, upper=None)
+    found = [Quantity.exact("highest_temperature_degc", 46.8), Quantity.exact("residual_peak_dph", 9.0)]
+    both = Limits(name="t", limits=(wide, limit(quantity="residual_peak_dph")))
+    judged = judge_limits(both, found)
+    assert ([one.verdict for one in judged.results], judged.verdict) == (["INVALID", "FAIL"], "INVALID")
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [((0.1, 0.9), "MARGINAL"), ((0.1, 2.0), "FAIL"), ((0.1, 0.1), "PASS"), ((2.0, np.nan), "INVALID")],

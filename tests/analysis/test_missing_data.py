@@ -8,11 +8,14 @@ import re
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis.scores import HeldOut
 from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
 from bench.analysis.judging.limits import load_limits
+from bench.analysis.judging.quantities import over_floor
 from bench.analysis.judging.validity import refusals
-from bench.analysis.judging.verification import verify
+from bench.analysis.judging.verification import by_floor, verify
+from bench.analysis.noise.floor import Floor
 from bench.base.errors import InputError
 from bench.base.yaml12 import parse_yaml
 from bench.record import RunFolder
@@ -75,6 +78,27 @@ def test_a_whole_verification_passes_and_its_numbers_are_told(tmp_path):
     assert found.verdict == "PASS"
     counts = found.done.counts()
     assert (counts["lost"], counts["missing"], counts["left_out"], counts["longest_gap_s"]) == (0, 0, 0, 0.0)
+
+
+def test_the_pause_between_two_parts_is_no_gap_of_a_verification(tmp_path):
+    """The record and its limits say the same: the joint of the parts is judged for itself."""
+    own = WIDE + "  - {quantity: longest_gap_s, unit: s, upper: 5, reason: test}\n"
+    pause = {"text": "aborted", "from_s": 3940.0, "to_s": 4060.0, "duration_s": 120.0}
+    parts = [{"part": 0, "state": "aborted"}, {"part": 1, "state": "done", "gap": pause}]
+    run = RunFolder(corrected(tmp_path / "check", holed, parts=parts))
+    found = verify(run, None, load_limits(parse_yaml(own, "limits.yaml")), {})
+    gap = next(one for one in found.judged["limits"]["results"] if one["name"] == "longest_gap_s")
+    assert gap["value"] == found.done.counts()["longest_gap_s"] == 0.0
+
+
+def test_a_noise_floor_that_is_an_upper_bound_only_passes_no_unit():
+    """A soak that is still moving reads as noise: five times the error proves nothing."""
+    error = HeldOut(rms_dph=0.2, peak_dph=0.6, interval_dph=(0.18, 0.22), by="verification")
+    (known, _), (bound, judged) = (by_floor(error, Floor(floor), ()) for floor in (0.19, 1.0))
+    assert (known, bound) == ("PASS", "INVALID")
+    assert "an upper bound here" in judged["refusals"][0]
+    ratio = over_floor(error, Floor(1.0, interval_dph=(0.1, 1.4)))
+    assert (round(ratio.low, 2), ratio.value, round(ratio.high, 2)) == (0.13, 0.2, 2.2)
 
 
 def test_the_calibration_run_of_a_verification_is_judged_too(tmp_path):

@@ -1,6 +1,8 @@
 """Several units in one job: what is run is run once for all, and each unit has its own steps and verdict."""
 
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +13,8 @@ from bench.commands.calibration.calibrate import calibrate_all
 from bench.commands.calibration.job import Done
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
-from bench.commands.calibration.steps import AgainError
+from bench.commands.calibration.steps import AgainError, refuse_pieces
+from bench.record import Manifest, RunFolder
 from tests.commands.test_calibrate import Fake
 from tests.support.run_folders import make_run, ramp_run
 
@@ -102,6 +105,42 @@ def test_a_unit_goes_on_alone_with_what_began_together(orders, monkeypatch, tmp_
     (alone,) = Order.load_all(PLAN, FOUR, [UNITS[1]], tmp_path, quiet=True)
     (after,) = calibrate_all([alone], steps=[Recorded(), Fake("flash")])
     assert (after.folder, after.state, after.step("run")["attempts"]) == (before[1].folder, "ended", 1)
+
+
+def test_a_unit_goes_on_with_the_run_of_several_new_units_by_that_runs_own_station(orders, monkeypatch, tmp_path):
+    """Its mates stand in their slots there; the order of one unit has that unit alone."""
+    new = ("GX-1@SIM-0001", "GX-2@SIM-0002")
+    both, (alone,) = (Order.load_all(PLAN, FOUR, units, tmp_path, quiet=True) for units in (new, new[:1]))
+    chamber, stations = Chamber(monkeypatch), []
+    chamber.ends = [RunAborted("aborted by Olena")]
+    jobs = calibrate_all(both, steps=[Recorded()])
+    (folder,) = (tmp_path / "GX-1").glob("2026_*")
+    (folder / "journal").mkdir()
+    (folder / "journal" / "0.gtbj").touch()
+    (folder / "station.yaml").write_text(both[0].station_file().text)
+    manifest = Manifest.read(folder)
+    manifest.model_copy(update={"state": "aborted"}).write(folder)
+    monkeypatch.setattr(recording, "recover", RunFolder)
+
+    def go_on(run, station, quiet):
+        stations.append(station)
+        return run
+
+    monkeypatch.setattr(recording, "continued", go_on)
+    (after,) = calibrate_all([alone], steps=[Recorded()])
+    (station,) = stations
+    assert (after.folder, after.state) == (jobs[0].folder, "ended")
+    assert [entry["serial"] for entry in station.content["units"]][:2] == ["GX-1", "GX-2"]
+    assert station.file == alone.station_file().file
+
+
+@pytest.mark.parametrize(("word", "parts", "again"), [
+    ("FAIL", 2, True), ("INVALID", 2, True), ("PASS", 2, False), ("FAIL", 1, False),
+])  # fmt: skip
+def test_a_run_that_was_interrupted_rejects_no_unit(word, parts, again):
+    run = SimpleNamespace(parts=lambda: list(range(parts)))
+    with pytest.raises(AgainError, match=word) if again else nullcontext():
+        refuse_pieces(run, word, "verify")
 
 
 def test_a_release_names_one_unit_and_a_unit_is_named_once(orders, tmp_path):

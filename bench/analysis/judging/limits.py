@@ -6,7 +6,7 @@ guard band of the expanded uncertainty (k = 2):
     PASS      the whole interval is within the limits, and the number keeps the marginal band away from them;
     MARGINAL  the number is within the limits, its interval or the marginal band is not;
     FAIL      the number itself is outside;
-    INVALID   there is no number, or the run must not be judged by it.
+    INVALID   there is no number, the run must not be judged by it, or the data are outside a limit of their quality.
 
 A unit that passes is outside with a probability of at most 2.5 % (normal distribution, one limit).
 """
@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from bench.analysis.judging.expressed import Expressed, Measurements, expressed
-from bench.analysis.judging.quantity import COVERAGE, MEANING, Quantity, QuantityName
+from bench.analysis.judging.quantity import COVERAGE, MEANING, OF_DATA, Quantity, QuantityName
 from bench.base import STRICT, Document, InputError, PlacedError, load_config
 from bench.record import Verdict
 
@@ -30,7 +30,8 @@ PROBABILITY = 0.95
 DECISION_RULE = (
     "Guarded acceptance, guard band = expanded uncertainty (k = 2, 95 %): PASS when the whole coverage interval is "
     "within the limits and the marginal band is kept; MARGINAL when only the value is; FAIL when the value is outside; "
-    "INVALID when no admissible value exists. Risk that a PASS is outside a limit: at most 2.5 %."
+    "INVALID when no admissible value exists or the data are outside a limit of their quality. Risk that a PASS is "
+    "outside a limit: at most 2.5 %."
 )
 
 
@@ -223,7 +224,7 @@ def _word(limit: Limit, quantity: Quantity) -> Verdict | None:
     lower = -np.inf if limit.lower is None else limit.lower
     upper = np.inf if limit.upper is None else limit.upper
     if not lower <= quantity.value <= upper:
-        return Verdict.FAIL
+        return Verdict.INVALID if limit.quantity in OF_DATA else Verdict.FAIL
     # An unknown end proves nothing. The number must keep the marginal band, and its interval the limits.
     low, high = (np.nan_to_num(end, nan=sign * np.inf) for end, sign in ((quantity.low, -1), (quantity.high, 1)))
     sure = lower <= low and high <= upper

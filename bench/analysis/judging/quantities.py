@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.analysis.diagnosis.compare import rates_of
-from bench.analysis.diagnosis.scores import Score
+from bench.analysis.diagnosis.scores import HeldOut, Score
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import fit_model
@@ -22,6 +22,7 @@ from bench.analysis.fit.quantisation import step_error_dph
 from bench.analysis.judging.branches import branch_gap
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.quantity import Quantity
+from bench.analysis.noise.floor import Floor
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, LEAST_RATES, TURNING_DPS
 from bench.base import DPH_PER_DPS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
@@ -94,15 +95,12 @@ def _of_noise(analysis: Analysis) -> Iterator[Quantity]:
 
 
 def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Quantity]:
-    held_out, floor_dph = best.held_out, analysis.floor.floor_dph
+    held_out = best.held_out
     low, high = held_out.interval_dph
     if np.isfinite(held_out.rms_dph):
         yield Quantity("residual_rms_dph", held_out.rms_dph, low, high)
         yield Quantity.positive("residual_peak_dph", held_out.peak_dph, white_dph)
-        yield Quantity(
-            "residual_over_floor", held_out.rms_dph / floor_dph, low / floor_dph, high / floor_dph,
-            analysis.floor.reason,
-        )  # fmt: skip
+        yield over_floor(held_out, analysis.floor)
         yield Quantity.exact("extrapolated_percent", 100.0 * held_out.out_of_range)
     else:
         yield from (Quantity(name, reason=held_out.reason) for name in ("residual_rms_dph", "residual_peak_dph"))
@@ -111,6 +109,14 @@ def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Qua
     if data is not None:
         yield _loop("residual_hysteresis_dph", data, white_dph, analysis.residual())
         yield Quantity.exact("temperature_step_error_dph", step_error_dph(best.fit.bound, best.fit.beta, data))
+
+
+def over_floor(error: HeldOut, floor: Floor) -> Quantity:
+    """An error over the noise floor; its interval has what the floor leaves open, too."""
+    (low, high), (least, most) = error.interval_dph, floor.interval_dph
+    level = floor.floor_dph
+    ends = low / (most if np.isfinite(most) else level), high / (least if np.isfinite(least) else level)
+    return Quantity("residual_over_floor", error.rms_dph / level, *ends, floor.reason)
 
 
 def of_data(done: Completeness) -> Iterator[Quantity]:
@@ -124,7 +130,7 @@ def of_data(done: Completeness) -> Iterator[Quantity]:
     else:
         yield Quantity.exact("samples_missing_ppm", done.missing_ppm)
     if done.samples:
-        yield Quantity.exact("longest_gap_s", max((b - a for a, b in done.gaps_s), default=0.0))
+        yield Quantity.exact("longest_gap_s", done.longest_gap_s)
         yield Quantity.exact("heating_min", done.heating_s / 60.0)
         yield Quantity.exact("cooling_min", done.cooling_s / 60.0)
 

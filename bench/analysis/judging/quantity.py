@@ -51,6 +51,12 @@ QuantityName = Literal[
     "accelerometer_error_over_floor",
 ]
 
+OF_DATA: frozenset[str] = frozenset(
+    {"samples_lost", "samples_missing_ppm", "longest_gap_s", "temperature_hole_degc", "condition", "heating_min"}
+    | {"cooling_min", "extrapolated_percent", "lowest_temperature_degc", "highest_temperature_degc"}
+)
+"""Quantities that describe the data, not the unit: outside its limits such a number says nothing of the unit."""
+
 MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "bias_span_dph": ("deg/h", "bias over temperature, highest less lowest"),
@@ -71,7 +77,7 @@ MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
         "scale_factor_nonlinearity_ppm": ("ppm", "scale factor nonlinearity, of the highest rate"),
         "samples_lost": ("1", "samples lost or damaged"),
         "samples_missing_ppm": ("ppm", "samples missing between the first and the last"),
-        "longest_gap_s": ("s", "longest gap without a sample"),
+        "longest_gap_s": ("s", "longest gap without a sample, within a part of the run"),
         "lowest_temperature_degc": ("degC", "lowest temperature of the unit"),
         "highest_temperature_degc": ("degC", "highest temperature of the unit"),
         "temperature_hole_degc": ("degC", "widest range of temperature without data"),

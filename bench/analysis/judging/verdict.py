@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.scores import Score
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.diagnosed import Diagnosed
@@ -131,6 +132,8 @@ def _model(best: Score, floor_dph: float) -> tuple[str, Word]:
     if not np.isfinite(floor_dph):
         text = f"{name} leaves {number(rms)} deg/h on unseen data; the noise floor is not known"
         return text, "undecided"
+    if bound_only(floor_dph, rms):
+        return f"{name} leaves {number(rms)} deg/h on unseen data; the noise floor is an upper bound here", "adequate"
     ratio = rms / floor_dph
     word: Word = "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
     return f"{name} leaves {number(ratio, 2)} × the noise floor on unseen data", word

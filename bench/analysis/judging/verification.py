@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.diagnosis.compare import error_of
+from bench.analysis.diagnosis.decision import bound_notes, bound_only
 from bench.analysis.diagnosis.scores import HeldOut
 from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness
 from bench.analysis.judging.expressed import Measurements
 from bench.analysis.judging.limits import Limits, judge_limits
-from bench.analysis.judging.quantities import of_data
+from bench.analysis.judging.quantities import of_data, over_floor
 from bench.analysis.judging.quantity import Quantity
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
@@ -56,8 +57,9 @@ class Verification:
 
     @property
     def over_floor(self) -> float:
-        """Error over noise floor; NaN where that is not known."""
-        return self.error.rms_dph / self.floor.floor_dph
+        """Error over noise floor; NaN where that is not known, or an upper bound only."""
+        known = not bound_only(self.floor.floor_dph, self.error.rms_dph)
+        return self.error.rms_dph / self.floor.floor_dph if known else np.nan
 
     def to_json(self) -> dict[str, Any]:
         """What stands in verification.json."""
@@ -116,7 +118,7 @@ def verify(run: RunFolder, calibration: Path | None, limits: Limits | None, seri
     refusals = tuple(_refusals(done, done_before, () if limits is None else limits.quantities))
     quantities = tuple(replace(one, in_verification=True) for one in _quantities(done, error, Figures.of(data), floor))
     if limits is None:
-        verdict, judged = _by_floor(error, floor, refusals)
+        verdict, judged = by_floor(error, floor, refusals)
     else:
         own = tuple(limit for limit in limits.limits if limit.within(_MEASURED))
         if not own:
@@ -152,13 +154,14 @@ def _before(calibration: Path | None) -> tuple[float, Dataset | None, Completene
     return stored.averaging_s, averaged(seconds, stored.averaging_s), done
 
 
-def _by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
+def by_floor(error: HeldOut, floor: Floor, refusals: tuple[str, ...]) -> tuple[Verdict, dict[str, Any]]:
     """Without limits: the error must not be above `VERIFIED_RATIO` times the floor with certainty."""
     rule = f"RMS of the corrected rate at most {VERIFIED_RATIO:g} times the noise floor"
     rule += "; MARGINAL where only its 95 % interval reaches below"
     judged: dict[str, Any] = {"rule": rule, "refusals": list(refusals)}
-    if refusals or not np.isfinite(floor.floor_dph):
-        judged["refusals"] = [*refusals, *([floor.reason] if not refusals else [])]
+    unknown = [floor.reason] if not np.isfinite(floor.floor_dph) else bound_notes(floor.floor_dph, error.rms_dph)
+    if refusals or unknown:
+        judged["refusals"] = list(refusals or unknown)
         return Verdict.INVALID, judged
     most = VERIFIED_RATIO * floor.floor_dph
     low = error.interval_dph[0]
@@ -171,11 +174,10 @@ def _quantities(done: Completeness, error: HeldOut, after: Figures, floor: Floor
     low, high = error.interval_dph
     noise = floor.noise
     white_dph = float(np.sqrt(noise.white_variance(after.interval_s))) if noise else floor.floor_dph
-    level = floor.floor_dph
     return [
         Quantity("residual_rms_dph", error.rms_dph, low, high),
         Quantity.positive("residual_peak_dph", error.peak_dph, white_dph),
-        Quantity("residual_over_floor", error.rms_dph / level, low / level, high / level, floor.reason),
+        over_floor(error, floor),
         Quantity.expanded("bias_span_dph", after.span_dph, np.sqrt(2.0) * white_dph),
         Quantity.positive("bias_max_dph", after.peak_dph, white_dph),
         *(quantity for quantity in of_data(done) if quantity.name in _MEASURED),

@@ -15,7 +15,7 @@ from bench.commands.calibration.doubts import Doubt, decided, judged, verdict_of
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.recording import recorded
-from bench.commands.calibration.steps import AgainError, calibration_of, in_the_unit, run_of, texts
+from bench.commands.calibration.steps import AgainError, calibration_of, in_the_unit, refuse_pieces, run_of, texts
 from bench.commands.imu import imu, verify_imu
 from bench.commands.papers import Papers
 from bench.record import ImuRecord, put
@@ -76,11 +76,10 @@ class VerifyImu:
         inside = in_the_unit(order)
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
-        run, pieced = recorded(order, job, self.name, order.plan.verification, "off", texts(order))
+        run, _ = recorded(order, job, self.name, order.plan.verification, "off", texts(order))
         limits = order.file(order.plan.limits)
         found = verify_imu([run.path], options_of(order), calibration_of(job), limits).verification
-        if pieced and found.verdict == "INVALID":
-            raise AgainError(self.name, "the verification was interrupted, and too much of it is missing")
+        refuse_pieces(run, found.verdict, self.name)
         hold, stop = verdict_of(found.verdict, order.plan.policy, "the verification")
         worst = max(found.axes, key=lambda axis: axis.over_floor)
         facts = {"run": run.path.name, "rows": found.rows, "worst": worst.name, "over_floor": worst.over_floor}

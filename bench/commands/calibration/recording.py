@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from bench import acquisition
-from bench.base import BenchError, InputError, dump
+from bench.base import BenchError, InputError, dump, read_yaml
 from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
 from bench.commands.calibration.job import JOB_MARK, JobFile
@@ -67,7 +68,9 @@ def _taken_up(order: Order, folder: Path) -> RunFolder | None:
         run = recover(folder)
         if run.manifest().state == "done":
             return run
-        return _whole(continued(run, None if order.station is None else order.station_file(), order.quiet))
+        # The station as the run had it, with all units in their slots; what it names beside itself is beside the file.
+        own = read_yaml(folder / "station.yaml")
+        return _whole(continued(run, replace(own, file=order.station_file().file), order.quiet))
     except InputError as error:
         # Killed before anything was recorded, or after the last segment: there is nothing to go on with.
         if _NOTHING_LEFT in str(error) or "no readable journal" in str(error) or "start the run anew" in str(error):

@@ -189,6 +189,7 @@ class Fit:
             raise AgainError("run", "the parts of the run do not fit together, or too much of it was left out")
         content = reported.analysis.to_json()
         word = str(content["limits"]["verdict"])
+        refuse_pieces(RunFolder(folder), word, "run")
         hold, stop = verdict_of(word, order.plan.policy, "the calibration run")
         keys = ("model", "rms_dph", "held_out_rms_dph", "held_out_by", "floor_dph", "uncompensated_rms_dph")
         facts = {**{key: content[key] for key in keys}, "limits": word, "steps": steps}
@@ -292,11 +293,10 @@ class Verify:
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
         prove(run_of(job))
-        run, pieced = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
+        run, _ = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
         found = verify(run, run_of(job), load_limits(order.document(order.plan.limits)), inside)
         content, word = found.to_json(), found.verdict.value
-        if pieced and word == "INVALID":
-            raise AgainError(self.name, "the verification was interrupted, and too much of it is missing")
+        refuse_pieces(run, word, self.name)
         hold, stop = verdict_of(word, order.plan.policy, "the verification")
         known = ("rms_dph", "factor", "turning_factor", "floor_dph", "over_floor")
         facts = {"run": run.path.name, **{key: content[key] for key in known}}
@@ -304,6 +304,13 @@ class Verify:
         ratio = f"{found.over_floor:.2f} x its noise floor" if np.isfinite(found.over_floor) else ""
         sentence = ", ".join(filter(None, (sentence, ratio, found.change.words)))
         return Done(sentence, facts, cases, word, hold, stop)
+
+
+def refuse_pieces(run: RunFolder, word: str, step: str) -> None:
+    """AgainError where a run that was interrupted does not pass: its unit is judged by a whole one."""
+    if word in {"FAIL", "INVALID"} and len(run.parts()) > 1:
+        text = f"the run was interrupted, and its parts together are {word}: they say nothing of the unit"
+        raise AgainError(step, text)
 
 
 def in_the_unit(order: Order) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import MEANING, Change, State, turning
+from bench.analysis import MEANING, OF_DATA, Change, State, turning
 from bench.base import FloatArray, __version__, finite
 from bench.deliver.certificate.budget import Uncertainty, compared_thermometers
 from bench.deliver.certificate.evidence import LEAST_COVERED, Evidence
@@ -25,11 +25,6 @@ from bench.deliver.certificate.provenance import commit
 from bench.record import MANIFEST, Dataset, Manifest, earth_told, sha256
 
 FORMAT = 1
-QUALITY = frozenset(
-    {"samples_lost", "samples_missing_ppm", "longest_gap_s", "temperature_hole_degc", "condition", "heating_min"}
-    | {"cooling_min", "extrapolated_percent", "lowest_temperature_degc", "highest_temperature_degc"}
-)
-"""Quantities that describe the data, not the unit."""
 _STEP_DEGC = 12.5
 STATEMENTS = (
     "The results relate only to the item calibrated, in the condition in which it was calibrated.",
@@ -77,7 +72,7 @@ def facts(
         "as_left": _as_left(evidence, change, budget),
         "over_temperature": _over_temperature(evidence),
         "thermometer": compared_thermometers(evidence.source.dataset),
-        "results": [q.to_json() for q in evidence.quantities() if q.name in MEANING and q.name not in QUALITY],
+        "results": [q.to_json() for q in evidence.quantities() if q.name in MEANING and q.name not in OF_DATA],
         "uncertainty": budget.to_json(),
         "conformity": {**judgement.to_json(), "verdict": verdict} if judgement else None,
         "calibration": _calibration(evidence),
