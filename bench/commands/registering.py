@@ -13,7 +13,7 @@ from bench.base import InputError
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven
 from bench.commands.results.stock import EquipmentListed, Noted, RegisteredRuns, RegistryEntry, RegistryRebuilt
-from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256, slug
+from bench.record import MANIFEST, RunFolder, chain_of, prove, sha256, slug, verified_by
 
 _REBUILD = "make the registry again with `bench registry rebuild`"
 
@@ -47,6 +47,8 @@ def register(runs: Sequence[Path], where: str | None = None) -> None:
     """Register run folders; each is <archive>/<unit>/<run>. Errors are those of the registry."""
     from bench.archive import register as write
 
+    # What a verification says is said of the calibration that it verifies.
+    runs = list(dict.fromkeys([*runs, *filter(None, map(verified_by, runs))]))
     for root in dict.fromkeys(_root(run) for run in runs):
         _refuse_lost(root)
         ledger = archive.archive(root)

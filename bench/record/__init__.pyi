@@ -128,6 +128,8 @@ from .samples import samples_writer as samples_writer
 from .samples import write_samples as write_samples
 from .signing import keep_secret as keep_secret
 from .signing import keys_folder as keys_folder
+from .verified import verifications as verifications
+from .verified import verified_by as verified_by
 from .whole import Origin as Origin
 from .whole import fitted_runs as fitted_runs
 from .whole import origin_of_whole as origin_of_whole

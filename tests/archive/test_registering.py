@@ -7,16 +7,17 @@ import sys
 from pathlib import Path
 
 import pytest
-from sqlalchemy import Engine, event
+from sqlalchemy import Engine, event, select
 
 from bench.archive.registry.asking import show
 from bench.archive.registry.ledger import archive
 from bench.archive.registry.opening import FILE, open_registry
+from bench.archive.registry.summaries import SUMMARIES
 from bench.cli import rendering
 from bench.cli.options import Registered
 from bench.commands import Asked, register_runs
 from tests.support.commands import bench
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import keep, make_run, ramp_run
 
 
 def answer(*arguments, code=0):
@@ -185,3 +186,26 @@ def test_a_recall_lists_what_rests_on_a_piece_of_equipment(reports):
     later = answer("registry", "recall", "chamber sensor", "--since", "2026-11-02", "--out", reports)
     assert [run["unit"] for run in later["runs"]] == ["U-3"]
     assert "no run rests on PT-9" in bench("registry", "recall", "PT-9", "--out", reports).output
+
+
+def test_a_calibration_whose_verification_failed_is_none_that_passed(reports):
+    """A unit is not within its limits where its own output is not; a verification that is spoilt says nothing of it."""
+    run, check = reports / "U-1" / "r1", reports / "U-1" / "r2"
+    for unit in ("U-1", "U-2"):
+        folder = reports / unit / "r1"
+        fit = {"model": {"name": "spline"}, "coefficients": [], "parameters": [], "validity": {}}
+        keep(folder, "calibration.json", {"verdict": {"verdict": "adequate"}, "calibration": fit})
+        keep(folder, "limits.json", {"name": "t", "verdict": "PASS"})
+        register_runs([folder], None, begin=True)
+    make_run(check, **ramp_run(), unit="U-1", run="r2", purpose="verification")
+
+    def standing(word):
+        keep(check, "verification.json", {"verdict": word, "calibration_run": str(run)})
+        register_runs([check], None, begin=True)
+        with open_registry(reports / FILE) as registry, registry.reading() as connection:
+            return dict(connection.execute(select(SUMMARIES.c.serial, SUMMARIES.c.standing)).all())
+
+    assert [standing(word) for word in ("PASS", "FAIL", "INVALID")] == [
+        {"U-1": "pass", "U-2": "pass"}, {"U-1": "fail", "U-2": "pass"}, {"U-1": "pass", "U-2": "pass"},
+    ]  # fmt: skip
+    assert answer("registry", "rebuild", "--check", "--out", reports)["differences"] == []

@@ -114,7 +114,7 @@ def calibrations(
         out.append({
             "run": run["path"], "created": run["created"], "age_days": _age_days(run["created"], now),
             "model": row["model"], "verdict": row["verdict"], "judged": row["judged"], "limits": row["limits"],
-            "validity": row["validity"] or {}, "status": status, "usable": status != "not_passed",
+            "validity": row["validity"] or {}, "status": status, "usable": status != "not_passed" and row["judged"] not in _REFUSED,
             "certificate": certificate, "coefficients_sha256": row["coefficients_sha256"],
         })  # fmt: skip
     return out

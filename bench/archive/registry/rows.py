@@ -26,7 +26,9 @@ from bench.record import (
     LotRecord,
     RunFolder,
     StoredResidual,
+    Verdict,
     sha256,
+    verifications,
     whole_fitted_to,
 )
 
@@ -156,7 +158,8 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
         judged = verified.limits if verified and verified.limits else judged
     elif calibration is not None:
         row = _calibration(run, calibration, sha256(folder.path / CalibrationRecord.FILE))
-        put(rows, "calibrations", {**row, "judged": judged.verdict, "limits": judged.name})
+        word = _as_verified(folder.path, judged.verdict)
+        put(rows, "calibrations", {**row, "judged": word, "limits": judged.name})
     if (diagnosis := DiagnosisRecord.find(folder.path)) is not None:
         file_sha256 = sha256(folder.path / DiagnosisRecord.FILE)
         put(rows, "diagnoses", {"run": run, "model": diagnosis.model, "verdict": diagnosis.verdict,
@@ -170,6 +173,12 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
     for name, unit_of, value in _quantities(calibration or CalibrationRecord(), certificate, judged):
         put(rows, "quantities", {"run": run, "name": name, "unit": unit_of, "value": value})
     return rows
+
+
+def _as_verified(run: Path, judged: str | None) -> str | None:
+    """The word of a calibration: FAIL where the newest verification with a verdict on the unit is FAIL."""
+    words = [found.verdict for _, found in verifications(run) if found.verdict.judged]
+    return Verdict.FAIL.value if words and words[-1] is Verdict.FAIL else judged
 
 
 def _calibration(run: str, record: CalibrationRecord, file_sha256: str) -> Row:

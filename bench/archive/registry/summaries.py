@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, cast
 
-from sqlalchemy import Connection, delete, func, insert, select
+from sqlalchemy import Connection, case, delete, func, insert, select
 from sqlalchemy import Table as SqlTable
 
 from bench.archive.registry.tables import Calibration, Certificate, Run, Summary, Unit
@@ -38,7 +38,9 @@ def summarise(
 
 
 def _rows(connection: Connection, serials: list[str]) -> list[dict[str, Any]]:
-    judged = func.coalesce(Certificate.verdict, Calibration.judged).label("judged")
+    issued = func.coalesce(Certificate.verdict, Calibration.judged)
+    # A verification that failed since says more than a certificate that was issued before it.
+    judged = case((Calibration.judged == Verdict.FAIL, Verdict.FAIL), else_=issued).label("judged")
     columns = (Run.unit, Run.created, Run.station, Run.state, Run.path, Run.corrected, Calibration.model, judged)
     chosen = (
         select(*columns, Certificate.number)

@@ -26,11 +26,12 @@ from bench.record import (
     RunFolder,
     VerificationRecord,
     channels_in,
+    verified_by,
 )
 from bench.web.ground.policy import REPORT
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
-from bench.web.shelf.steps import Steps, origin_of, steps_of, whole_of
+from bench.web.shelf.steps import Steps, steps_of, whole_of
 
 _MOST_EVENTS = 2000
 _BATCH_ROWS = 4096
@@ -146,7 +147,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         for kind in (LimitsRecord, ComparisonRecord, DiagnosisRecord)
     )
     said = manifest.content() if manifest else {}
-    whole, origin, names = whole_of(folder.path), origin_of(folder.path), _channels(folder.path)
+    whole, origin, names = whole_of(folder.path), verified_by(folder.path), _channels(folder.path)
     apart = {"segments", "losses", "files"}
     return RunAnswer(
         run=entry.run,

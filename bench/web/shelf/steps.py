@@ -16,8 +16,9 @@ from bench.record import (
     ImuRecord,
     ImuVerificationRecord,
     Origin,
-    VerificationRecord,
     origin_of_whole,
+    verifications,
+    verified_by,
     whole_fitted_to,
 )
 from bench.web.live.story import sound
@@ -71,7 +72,7 @@ def steps_of(folder: Path) -> Steps:
             verified=verified is not None and verified.verdict.within,
             certified=certificate is not None and not certificate.draft,
         )
-    origin = origin_of(folder) or folder
+    origin = verified_by(folder) or folder
     calibration, flash = sound(CalibrationRecord, origin), sound(FlashRecord, origin)
     certificate = sound(CertificateRecord, origin)
     return Steps(
@@ -82,17 +83,6 @@ def steps_of(folder: Path) -> Steps:
     )
 
 
-def origin_of(folder: Path) -> Path | None:
-    """The run whose calibration this run verifies; None for a run that verifies none."""
-    own = sound(VerificationRecord, folder)
-    return folder.parent / Path(own.calibration_run).name if own and own.calibration_run else None
-
-
 def verifications_of(origin: Path) -> list[Path]:
     """Runs that verify the calibration in this run folder and are within limits, oldest first."""
-    return [folder for folder in sorted(origin.parent.iterdir()) if _verifies(folder, origin)]
-
-
-def _verifies(folder: Path, origin: Path) -> bool:
-    found = sound(VerificationRecord, folder) if (folder / VerificationRecord.FILE).is_file() else None
-    return found is not None and found.verdict.within and Path(found.calibration_run or "").name == origin.name
+    return [folder for folder, found in verifications(origin) if found.verdict.within]
