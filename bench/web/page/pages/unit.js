@@ -91,16 +91,16 @@ function Trends({ unit }) {
 }
 
 function Runs({ unit }) {
-  return html`<div class="scroll"><table class="st-table">
-    <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col">${t(`units.run.${key}`)}</th>`)}
-      <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
+  return html`<div class="scroll"><table class="st-table lines">
+    <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col" class=${key === "profile" ? "whole" : undefined}>${t(`units.run.${key}`)}</th>`)}
+      <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col" class="whole"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
     <tbody>${unit.runs.map((run) => html`<tr key=${run.run}>
       <th scope="row">${moment(run.created)}</th>
       <td>${t(`units.kind.${run.kind}`)}</td>
-      <td>${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
+      <td class="whole">${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide" title=${run.station}>${stationName(run.station) ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
-      <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
+      <td class="whole"><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;
 }
