@@ -77,10 +77,10 @@ function Trends({ unit }) {
   const words = t("units.trends.words", { name: quantityWord(one.name), n: one.points.length, last: `${sig(one.last)} ${symbols(one.unit)}` });
   return html`<div class="st-two">
     <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
-      <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
+      <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col" class="broad">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
       <tbody>${unit.trends.map((trend) => html`<tr key=${trend.name} aria-current=${trend.name === chosen ? "true" : undefined}>
         <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantityWord(trend.name)}</button></th>
-        <td><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
+        <td class="broad"><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
         <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${symbols(trend.unit)}</span></td>
         <td class="n">${[trend.lower !== null && `≥ ${sig(trend.lower)}`, trend.upper !== null && `≤ ${sig(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
       </tr>`)}</tbody></table></div>
