@@ -184,7 +184,7 @@ def test_the_pages_speak_other_languages(page, language):
 
 
 def test_every_tile_of_a_unit_names_the_run_that_it_is_of(page, folder):
-    days = [f"{BEGIN + timedelta(days=day):%b %-d, %Y}, " for day in DAYS]
+    days = [f"{BEGIN + timedelta(days=day):%b\xa0%-d,\xa0%Y}, " for day in DAYS]
     page.goto(f"/units/{UNIT}")
     tiles = page.locator(".st-tiles > *")
     tiles.first.wait_for()

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 
 def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(site, visitors):
     address, out = site
@@ -84,4 +86,29 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     page.route("**/api/v1/runs/-1/run", lambda route: route.fulfill(json=judged))
     page.goto("/verdict/-0/run")
     table = page.get_by_role("table", name="Ж-1")
-    assert table.get_by_role("cell").first.inner_text().split() == ["0.3", "0", "…", "∞"], "why it is marginal"
+    assert table.get_by_role("cell").first.inner_text().split() == ["0.3", "deg/h", "0", "…", "∞"], "why it is marginal"
+
+
+@pytest.mark.parametrize("locale", ["en-GB", "uk-UA", "zh-CN"])
+def test_a_telephone_shows_the_verdict_on_each_quantity_without_scrolling_sideways(site, visitors, locale):
+    page = visitors.come(site[0], size={"width": 360, "height": 780}, locale=locale)
+    unit = {"unit": "U-1", "run": "U-1/run", "verdict": "adequate", "sentence": "", "analysed": True, "limits": "PASS"}
+    end = {"state": "done", "cause": "", "analysing": False, "units": [unit], "verdict": "adequate", "safe": True,
+           "safe_state": [], "requests": []}  # fmt: skip
+    run = {"run": "U-1/run", "runs": ["U-1/run"], "condition": "ended", "profile": "short", "ended": end}
+    results = [
+        {"name": "residual_peak_dph", "value": -1234.5, "low": -1300.25, "high": 1200.5, "unit": "deg/h",
+         "lower": -1250.0, "upper": 1250.0, "reason": "", "verdict": word}
+        for word in ("PASS", "MARGINAL", "FAIL", None)
+    ]  # fmt: skip
+    judged = {"limits": {"name": "short", "results": results}, "steps": {}, "segments": [], "losses": {}}
+    page.route("**/api/v1/live/U-1/run", lambda route: route.fulfill(json=run))
+    page.route("**/api/v1/runs/U-1/run", lambda route: route.fulfill(json=judged))
+    page.goto("/verdict/U-1/run")
+    page.get_by_role("table").wait_for()
+    frame = page.locator(".verdict-reasons .scroll")
+    assert frame.evaluate("(frame) => frame.scrollWidth - frame.clientWidth") == 0
+    for row in page.locator(".verdict-reasons tr").all():
+        quantity, verdict = (row.locator(f":scope > :{place}-child").bounding_box() for place in ("first", "last"))
+        assert abs(verdict["y"] - quantity["y"]) < 2, "beside the quantity"
+        assert verdict["x"] + verdict["width"] <= 360

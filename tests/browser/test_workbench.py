@@ -138,6 +138,19 @@ def test_only_the_rows_in_sight_are_drawn(page):
     page.locator(".wb-active").wait_for()
 
 
+@pytest.mark.parametrize("width", [390, 820])
+def test_plan_moment_and_verdict_of_a_run_are_not_cut_in_a_narrow_list(page, width):
+    page.set_viewport_size({"width": width, "height": 844})
+    page.goto("/workbench")
+    row = page.locator("[role=option]", has=page.locator(".wb-row-state")).first
+    row.wait_for()
+    for part in ("unit", "name", "day", "state"):
+        cell = row.locator(f".wb-row-{part}")
+        assert cell.inner_text()
+        assert cell.evaluate("(cell) => cell.scrollWidth - cell.clientWidth") <= 0, part
+    assert row.evaluate("(row) => row.scrollHeight - row.clientHeight") <= 0
+
+
 def test_a_run_is_named_by_plan_and_moment_and_found_by_what_names_it(page, mystery):
     folder = next(mystery.glob("MYSTERY*/*_ramp_-40_85")).name
     page.locator(".bar select").select_option("uk")

@@ -68,7 +68,7 @@ def figure(trend: Mapping[str, Any]) -> Plot:
         style = {"color": CYCLE[i % len(CYCLE)], "size": 9, "symbol": SYMBOLS[i % len(SYMBOLS)]}
         traces.append(go.Scatter(
             x=[point["created"] for point in own], y=[point["value"] for point in own], name=str(profile),
-            mode="lines+markers", marker=style, line={"color": style["color"], "width": 1.2, "dash": "dot"},
+            mode="lines+markers", marker=style, line={"color": style["color"], "width": 1.2},
             text=[point["run"] for point in own],
         ))  # fmt: skip
     values = [point["value"] for point in trend["points"]]
@@ -78,7 +78,8 @@ def figure(trend: Mapping[str, Any]) -> Plot:
     near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
     levels = [level_line(end, text, VERMILION) for end, text in near]
     layout = {
-        "xaxis": axis("UTC", type="date") | _around({point["created"] for point in trend["points"]}),
+        "xaxis": axis("UTC", type="date", tickangle=0, nticks=5)
+        | _around({point["created"] for point in trend["points"]}),
         "yaxis": axis(f"[{in_print(trend['unit'])}]", rangemode="tozero" if min(values) >= 0 else "normal"),
         "shapes": [shape for shape, _ in levels],
         "annotations": [label for _, label in levels],
@@ -88,11 +89,11 @@ def figure(trend: Mapping[str, Any]) -> Plot:
 
 
 def _around(moments: Collection[str]) -> dict[str, Any]:
-    """Two days around a single moment: by itself it gets an axis of a second."""
+    """Two hours around a single moment: by itself it gets an axis of a second."""
     if len(moments) != 1:
         return {}
-    moment, day = datetime.fromisoformat(*moments), timedelta(days=1)
-    return {"range": [(moment - day).isoformat(), (moment + day).isoformat()]}
+    moment, hour = datetime.fromisoformat(*moments), timedelta(hours=1)
+    return {"range": [(moment - hour).isoformat(), (moment + hour).isoformat()]}
 
 
 def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, JudgedQuantity]:

@@ -25,8 +25,25 @@ export function palette() {
   return {
     paper: of("--paper", "#ffffff"), ink: of("--ink", "#16202a"), soft: of("--soft", "#56636f"),
     line: of("--line", "#d7dee4"), grid: of("--grid", "#e3e8ec"), raised: of("--raised", "#ffffff"),
-    heldOut: of("--figure-blue", "#0072B2"), inSample: of("--figure-orange", "#E69F00"), floor: of("--figure-green", "#009E73"),
+    heldOut: of("--figure-blue", "#0072B2"), inSample: of("--figure-orange", "#E69F00"), floor: of("--figure-green", "#009E73"), good: of("--good", "#00664a"),
   };
+}
+
+/** Colours that the server draws with, each by its name here, and by that of a text in it: thin letters need more contrast than lines. */
+const DRAWN = {
+  "#0072B2": ["--figure-blue", "--link"], "#E69F00": ["--figure-orange", "--warn"], "#009E73": ["--figure-green", "--good"], "#D55E00": ["--figure-vermilion", "--bad"],
+  "#56B4E9": ["--figure-sky", "--link"], "#CC79A7": ["--figure-purple", "--ink"], "#8A949D": ["--figure-grey", "--soft"],
+};
+
+/** A part of a figure with the colours of the page as it is now. */
+function recoloured(part) {
+  const style = getComputedStyle(document.documentElement);
+  const of = (value, text) => {
+    if (Array.isArray(value)) return value.map((one) => of(one, text));
+    if (value && typeof value === "object" && !ArrayBuffer.isView(value)) return Object.fromEntries(Object.entries(value).map(([key, one]) => [key, of(one, /font$/.test(key))]));
+    return DRAWN[value] ? style.getPropertyValue(DRAWN[value][text ? 1 : 0]).trim() || value : value;
+  };
+  return of(part, false);
 }
 
 /** Layout of a figure in the page's colours; `zoom` {axis: [low, high]} are ranges to keep. */
@@ -88,7 +105,7 @@ export class Drawn {
     await plotly();
     if (!this.figure || !this.place.isConnected) return;
     // Plotly changes its input, and the answer may be cached: it gets a copy.
-    const { data, layout } = clone(this.figure);
+    const { data, layout } = recoloured(clone(this.figure));
     const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
     await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
     if (!this.listening) {
@@ -137,7 +154,7 @@ export class Drawn {
     await plotly();
     const [width, height] = EXPORT_SIZE;
     const colours = palette();
-    const { data, layout } = clone(this.figure);
+    const { data, layout } = recoloured(clone(this.figure));
     const painted = { ...themed(layout, colours, this.zoom), paper_bgcolor: colours.paper, autosize: false, width, height };
     const address = await Plotly.toImage({ data, layout: painted }, { format: "svg", width, height });
     return decodeURIComponent(address.slice(address.indexOf(",") + 1));

@@ -23,7 +23,7 @@ const axis = (more) => ({
 
 const AXES = [
   axis({ incrs: STEPS_S, space: 70, size: 30, values: (_, ticks) => clock(ticks) }),
-  axis({ size: 62, space: 26, values: (_, ticks) => ticks.map((value) => number(value)) }),
+  axis({ size: 62, space: 20, values: (_, ticks) => ticks.map((value) => number(value)) }),
 ];
 
 /** Space above and below the data, more for a nearly constant line. */

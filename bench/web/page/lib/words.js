@@ -45,6 +45,12 @@ export function speakOfAll() {
   return speak();
 }
 
+/** The space between a number and its unit or sign. */
+const BEFORE_UNIT = /(?<=\d) (?=[°%×±]|(?:h|min|m?s|Hz|V|[KMGT]i?B|deg\/h|год|хв|м?с|Гц|В|[КМГТ]і?Б)(?!\p{L}))|(?<=[×±]) (?=[\p{L}\d])/gu;
+
+/** A text in one line: no-break spaces for all of its spaces. */
+export const inOneLine = (text) => text.replaceAll(" ", "\u00a0");
+
 /**
  * The words of a key with `{name}` replaced by `values.name`; the key where there are none.
  * An entry may be an object of plural forms (one, few, many, other), chosen by `values.n`.
@@ -55,7 +61,7 @@ export function t(key, values = {}) {
   return text.replace(/\{(\w+)\}/g, (whole, name) => {
     const value = values[name];
     return value === undefined ? whole : typeof value === "number" ? number(value) : value;
-  });
+  }).replace(BEFORE_UNIT, "\u00a0");
 }
 
 /** Whether the catalogue has this key. */
@@ -113,20 +119,25 @@ export function sig(value, digits = 3) {
 /** A temperature with its unit. */
 export const degrees = (value, decimals = 1) => `${number(value, decimals)}\u00a0°C`;
 
+const lasting = (key, values) => inOneLine(t(key, values));
+
 /** A time of seconds, at most two units of it: 3 h 05 min, 4 min 20 s, 12 s. */
 export function duration(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
   const whole = Math.max(0, Math.round(seconds));
-  if (whole < 60) return t("time.s", { s: String(whole) });
+  if (whole < 60) return lasting("time.s", { s: String(whole) });
   const two = (value) => String(value).padStart(2, "0");
-  if (whole < 3600) return t("time.min_s", { min: String(Math.floor(whole / 60)), s: two(whole % 60) });
+  if (whole < 3600) return lasting("time.min_s", { min: String(Math.floor(whole / 60)), s: two(whole % 60) });
   const minutes = Math.round(whole / 60);
-  return t("time.h_min", { h: String(Math.floor(minutes / 60)), min: two(minutes % 60) });
+  return lasting("time.h_min", { h: String(Math.floor(minutes / 60)), min: two(minutes % 60) });
 }
 
-/** A moment (ISO 8601) in local time; empty for an empty one. */
+/** Both ends of a range in one line; the unit is in the second one. */
+export const between = (from, to) => inOneLine(`${from} … ${to}`);
+
+/** A moment (ISO 8601) in local time, broken before the time only; a dash for an empty one. */
 export function moment(iso) {
   const date = new Date(iso);
   if (!iso || Number.isNaN(date.valueOf())) return "–";
-  return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium", timeStyle: "short" }).format(date);
+  return inOneLine(new Intl.DateTimeFormat(language.get(), { dateStyle: "medium", timeStyle: "short" }).format(date)).replace(/\u00a0(?=\d+:)/, " ");
 }

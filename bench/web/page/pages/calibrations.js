@@ -43,10 +43,10 @@ function List() {
         ${may("operator") && html`<span class="row">${last > 0 && [["job.earlier", "↑", -1, 0], ["job.later", "↓", 1, last]].map(([key, sign, by, end]) => html`<button type="button" key=${key} class="narrow" disabled=${index === end}
             title=${t(key)} aria-label=${`${t(key)}: ${units(start)}`} onClick=${() => change(post(url`/starts/${start.start}/move`, { by }))}>${sign}</button>`)}
           <button type="button" class="narrow" onClick=${() => change(remove(url`/starts/${start.start}`))}>${t("job.give_up")}<span class="unseen"> ${units(start)}</span></button></span>`}</li>`)}</ol></section>`}
-    ${listed.jobs.length > 0 ? html`<div class="scroll" tabindex="0" role="region" aria-label=${t("nav.calibrations")}><table class="job-list">
-      <thead><tr>${["unit", "state", "plan", "begun", "certificate"].map((key) => html`<th key=${key} scope="col">${t(`job.head.${key}`)}</th>`)}</tr></thead>
+    ${listed.jobs.length > 0 ? html`<div class="scroll" tabindex="0" role="region" aria-label=${t("nav.calibrations")}><table class="job-list lines">
+      <thead><tr>${["unit", "state", "plan", "begun", "certificate"].map((key) => html`<th key=${key} scope="col" class=${key === "plan" ? "whole" : undefined}>${t(`job.head.${key}`)}</th>`)}</tr></thead>
       <tbody>${listed.jobs.map((job) => html`<tr key=${job.job}><th scope="row"><a class="mono" href=${`/calibrations/${job.job}`}>${job.unit}</a></th><td><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></td>
-        <td>${planOf(job.plan)}</td><td>${moment(job.created)}</td><td class="mono">${job.certificate ?? "–"}</td></tr>`)}</tbody></table></div>`
+        <td class="whole">${planOf(job.plan)}</td><td>${moment(job.created)}</td><td class="mono">${job.certificate ?? "–"}</td></tr>`)}</tbody></table></div>`
       : html`<p class="soft">${t("job.none")}</p>`}
     ${may("operator") && html`<p><a class="button primary" href="/">${t("job.start_one")}</a></p>`}
   </div>`;

@@ -77,10 +77,10 @@ function Trends({ unit }) {
   const words = t("units.trends.words", { name: quantityWord(one.name), n: one.points.length, last: `${sig(one.last)} ${symbols(one.unit)}` });
   return html`<div class="st-two">
     <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
-      <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
+      <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col" class="broad">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
       <tbody>${unit.trends.map((trend) => html`<tr key=${trend.name} aria-current=${trend.name === chosen ? "true" : undefined}>
         <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantityWord(trend.name)}</button></th>
-        <td><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
+        <td class="broad"><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
         <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${symbols(trend.unit)}</span></td>
         <td class="n">${[trend.lower !== null && `≥ ${sig(trend.lower)}`, trend.upper !== null && `≤ ${sig(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
       </tr>`)}</tbody></table></div>
@@ -91,16 +91,16 @@ function Trends({ unit }) {
 }
 
 function Runs({ unit }) {
-  return html`<div class="scroll"><table class="st-table">
-    <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col">${t(`units.run.${key}`)}</th>`)}
-      <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
+  return html`<div class="scroll"><table class="st-table lines">
+    <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col" class=${key === "profile" ? "whole" : undefined}>${t(`units.run.${key}`)}</th>`)}
+      <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col" class="whole"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
     <tbody>${unit.runs.map((run) => html`<tr key=${run.run}>
       <th scope="row">${moment(run.created)}</th>
       <td>${t(`units.kind.${run.kind}`)}</td>
-      <td>${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
+      <td class="whole">${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide" title=${run.station}>${stationName(run.station) ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
-      <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
+      <td class="whole"><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;
 }

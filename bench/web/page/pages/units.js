@@ -32,12 +32,12 @@ function Line({ one }) {
   return html`<tr>
     <th scope="row"><a class="st-serial" href=${`/units/${encodeURIComponent(one.serial)}`}>${one.serial}</a></th>
     <td><${Verdict} word=${one.standing} /></td>
-    <td>${one.lot ?? html`<span class="soft">–</span>`}</td>
-    <td class="n">${one.runs}</td>
-    <td class="n">${one.calibrations}</td>
-    <td>${day(one.calibrated)}</td>
+    <td class="broad">${one.lot ?? html`<span class="soft">–</span>`}</td>
+    <td class="n broad">${one.runs}</td>
+    <td class="n broad">${one.calibrations}</td>
+    <td class="broad">${day(one.calibrated)}</td>
     <td class="wide">${one.model ?? "–"}</td>
-    <td>${moment(one.last)}</td>
+    <td class="whole">${moment(one.last)}</td>
     <td class="wide">${one.station ?? "–"}</td>
     <td class="wide">${one.certificate ?? html`<span class="soft">–</span>`}</td>
   </tr>`;
@@ -45,9 +45,9 @@ function Line({ one }) {
 
 function List({ found }) {
   if (!found.units.length) return html`<p class="soft">${t(found.total ? "units.nothing" : "units.empty")}</p>`;
-  const head = [["units.serial"], ["units.standing"], ["units.lot"], ["units.runs", "n"], ["units.calibrations", "n"], ["units.calibrated"],
-    ["units.model", "wide"], ["units.last"], ["units.station", "wide"], ["units.certificate", "wide"]];
-  return html`<div class="scroll"><table class="st-table">
+  const head = [["units.serial"], ["units.standing"], ["units.lot", "broad"], ["units.runs", "n broad"], ["units.calibrations", "n broad"], ["units.calibrated", "broad"],
+    ["units.model", "wide"], ["units.last", "whole"], ["units.station", "wide"], ["units.certificate", "wide"]];
+  return html`<div class="scroll"><table class="st-table lines">
     <thead><tr>${head.map(([key, kind]) => html`<th key=${key} scope="col" class=${kind}>${t(key)}</th>`)}</tr></thead>
     <tbody>${found.units.map((one) => html`<${Line} key=${one.serial} one=${one} />`)}</tbody>
   </table></div>`;

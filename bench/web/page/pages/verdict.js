@@ -131,7 +131,7 @@ function Achieved({ run }) {
 
 /** Refusals, and every quantity beside its limits with what is left to the nearest of them; `of`: whose, where there are several units. */
 function Reasons({ limits, of }) {
-  const head = ["quantity", "value", "limits", "margin", "unit", "verdict"];
+  const head = ["quantity", "value", "limits", "margin", "verdict"];
   return html`<div class="verdict-reasons">
     ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
       <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span><${Said} text=${text} /></span></li>`)}</ul>`}
@@ -144,10 +144,9 @@ function Reasons({ limits, of }) {
 function Judged({ result }) {
   const { name, value, low, high, unit, lower, upper, reason, verdict } = result;
   const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
-  const sides = [lower !== null && `≥ ${number(lower)}`, upper !== null && `≤ ${number(upper)}`].filter(Boolean).join(", ");
+  const sides = [lower !== null && `≥\u00a0${number(lower)}`, upper !== null && `≤\u00a0${number(upper)}`].filter(Boolean).join(", ");
   return html`<tr><th scope="row">${quantityWord(name)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
-    <td class="n figures">${number(value)}${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : number(low)} … ${high === null ? "∞" : number(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
-    <td>${symbols(unit)}</td>
+    <td class="n figures">${number(value)}\u00a0<small>${symbols(unit)}</small>${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : number(low)} … ${high === null ? "∞" : number(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
     <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
 }
 

@@ -93,7 +93,7 @@ export function Output({ run, trace, unit, index, children }) {
   const means = [trace.t, column("mean"), column("slow")];
   const at = (values) => values[pointed ?? values.length - 1] ?? null;
   const [low, high, fast, slow] = [at(band[1]), at(band[2]), at(means[1]), at(means[2])];
-  const range = low === null ? "–" : `${number(low, 1)} … ${number(high, 1)}`;
+  const range = low === null ? "–" : `${number(low, 1)} … ${number(high, 1)} ${t("unit.dph")}`;
   const longer = trace.every_s >= SLOW_S;
   const told = { serial: unit.serial, low: number(low, 1), high: number(high, 1), mean: number(slow, 2) };
   const shared = { version: trace.version, span: spanOf(run), pointed: setPointed };

@@ -6,7 +6,7 @@ import { navigate } from "../../lib/router.js";
 import { startRun } from "../../lib/starts.js";
 import { remembered } from "../../lib/store.js";
 import { serialOf } from "../../lib/units.js";
-import { degrees, duration, language, number, t } from "../../lib/words.js";
+import { between, degrees, duration, inOneLine, language, number, t } from "../../lib/words.js";
 import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
@@ -88,12 +88,12 @@ function Facts({ plan, result, station, units }) {
   const curve = result?.curve ?? plan.curve;
   const [low, high] = range(curve);
   const time_s = result?.duration_s ?? plan.nominal_s;
-  const ends = new Intl.DateTimeFormat(language.get(), { weekday: "short", hour: "2-digit", minute: "2-digit" }).format(Date.now() + time_s * 1000);
+  const ends = inOneLine(new Intl.DateTimeFormat(language.get(), { weekday: "short", hour: "2-digit", minute: "2-digit" }).format(Date.now() + time_s * 1000));
   return html`<dl class="ready-facts">
     <div><dt>${t("ready.unit", { n: units.length })}</dt><dd class="mono">${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(serialOf).join(", ")}</dd></div>
     <div><dt>${t("ready.plan")}</dt><dd>${planTitle(plan)}</dd></div>
     <div><dt>${t("ready.takes")}</dt><dd class="figures">${duration(time_s)}</dd><dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
-    <div><dt>${t("ready.range")}</dt><dd class="figures">${low === high ? degrees(low, 0) : `${number(low, 0)} … ${degrees(high, 0)}`}</dd></div>
+    <div><dt>${t("ready.range")}</dt><dd class="figures">${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</dd></div>
   </dl>`;
 }
 

@@ -1,10 +1,11 @@
 // The next experiment: why the runs so far cannot decide, the proposed temperature curve, and a link to start it.
 import { html, t, api, duration, usePalette } from "./parts.js";
 import { reasons, rival } from "./sentence.js";
+import { degrees } from "../../lib/words.js";
 
 const WIDTH = 420;
 const HEIGHT = 150;
-const EDGE = { left: 38, right: 10, top: 10, bottom: 26 };
+const EDGE = { left: 52, right: 10, top: 10, bottom: 26 };
 
 /** Temperature over time, `curve` [[t_s, degc]...]. */
 export function Curve({ curve, label }) {
@@ -21,7 +22,7 @@ export function Curve({ curve, label }) {
   return html`<svg class="wb-curve" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} role="img" aria-label=${label}>
     ${[low, high].map((degc) => html`<g key=${degc}>
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(degc)} y2=${y(degc)} stroke=${colours.grid} />
-      <text ...${text} x=${EDGE.left - 6} y=${y(degc) + 4} text-anchor="end">${Math.round(degc)}°</text></g>`)}
+      <text ...${text} x=${EDGE.left - 6} y=${y(degc) + 4} text-anchor="end">${degrees(degc, 0)}</text></g>`)}
     <path d=${path} fill="none" stroke=${colours.heldOut} stroke-width="2.2" stroke-linejoin="round" />
     <text ...${text} x=${EDGE.left} y=${HEIGHT - 6}>0</text>
     <text ...${text} x=${WIDTH - EDGE.right} y=${HEIGHT - 6} text-anchor="end">${duration(end)}</text>

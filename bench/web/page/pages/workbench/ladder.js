@@ -91,7 +91,7 @@ function Drawing({ rungs, shown, floor, refer }) {
     </g>`)}
     ${floor !== null && html`<g>
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(floor)} y2=${y(floor)} stroke=${colours.floor} stroke-width="2" stroke-dasharray="7 5" />
-      <text x=${WIDTH - EDGE.right} y=${y(floor) + 16} text-anchor="end" font-size="12" fill=${colours.floor}>${t("workbench.ladder.floor")} ${number(floor)}</text>
+      <text x=${WIDTH - EDGE.right} y=${y(floor) + 16} text-anchor="end" font-size="12" fill=${colours.good}>${t("workbench.ladder.floor")} ${number(floor)}</text>
     </g>`}
   </svg>`;
 }

@@ -18,10 +18,10 @@ export const number = (value, digits = 3) =>
 /** "8.6 ± 1.2 s": as many digits as the uncertainty allows. */
 export function measured({ value, std, unit }) {
   if (value === null || value === undefined) return "–";
-  if (!std || !Number.isFinite(std)) return `${number(value, 4)} ${symbols(unit)}`.trim();
+  if (!std || !Number.isFinite(std)) return `${number(value, 4)}\u00a0${symbols(unit)}`.trim();
   const digits = Math.max(0, 1 - Math.floor(Math.log10(std)));
   const written = digits > 6 ? [sig(value), sig(std, 2)] : [plain(value, digits), plain(std, digits)];
-  return `${written[0].replace("-", "−")} ± ${written[1]} ${symbols(unit)}`.trim();
+  return `${written[0].replace("-", "−")}\u00a0±\u00a0${written[1]}\u00a0${symbols(unit)}`.trim();
 }
 
 /** Colours of the page, taken again when it turns light or dark. */

@@ -1,7 +1,7 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
 import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
-import { effectWord, symbols } from "../../lib/words.js";
+import { between, effectWord, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 
 const SHOWN = 4;
@@ -117,7 +117,7 @@ function Further({ figures, picked, onPicture }) {
 /** Ends of a place, with enough digits to distinguish them. */
 function span({ from, to, unit }) {
   const digits = [4, 6, 8].find((many) => number(from, many) !== number(to, many)) ?? 8;
-  return `${number(from, digits)} … ${number(to, digits)} ${symbols(unit)}`.trim();
+  return between(number(from, digits), `${number(to, digits)} ${symbols(unit)}`.trim());
 }
 
 function Where({ places }) {
