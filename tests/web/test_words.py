@@ -221,6 +221,17 @@ def test_a_shipped_station_is_named_whichever_way_its_name_is_written() -> None:
     assert spoken("lib/names.js", "stationName", given) == ["四个产品", "四个产品", "my_own"]
 
 
+def test_what_the_bench_says_in_english_is_written_as_the_page_writes_it() -> None:
+    given = [
+        "settled at 25 degC after 3 min; spline lacks thermal_lag and warm_up, 2.47 x its noise floor",
+        "no 'warm_up' in profiles/warm_up.yaml: power_on_s: 3; 0.5 +- 0.1 degC/min, 4 x 2",
+    ]
+    assert spoken("lib/said.js", "english", given, "en") == [
+        "settled at 25 °C after 3 min; spline lacks thermal lag and warm-up, 2.47 × its noise floor",
+        "no 'warm_up' in profiles/warm_up.yaml: power_on_s: 3; 0.5 ± 0.1 °C/min, 4 × 2",
+    ]
+
+
 def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
     options = {name for one in library_of_effects() for name in one.options}
     known = catalogue("zh")
