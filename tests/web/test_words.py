@@ -139,6 +139,13 @@ def test_a_margin_is_what_is_left_to_the_nearest_limit() -> None:
     assert told("pages/verdict/judged.js", script, given) == [pytest.approx(0.2), -1.0, None]
 
 
+def test_a_trend_joins_runs_of_one_profile_up_to_the_run_that_is_asked_for() -> None:
+    points = [{"run": f"{n}", "profile": profile} for n, profile in enumerate("aabab")]
+    script = "console.log(JSON.stringify(given.runs.map((run) => page.alike(given, run).map((point) => point.run))))"
+    answer = told("pages/stock/trend.js", script, {"points": points, "runs": [None, "1", "gone"]})
+    assert answer == [["2", "4"], ["0", "1"], ["2", "4"]]
+
+
 def test_to_repeat_a_run_is_the_advice_only_where_it_can_help() -> None:
     whole = {"segments": [{"settled": True, "outcome": "done"}], "losses": {"received": 9, "lost": 0}}
     runs = [whole, {**whole, "losses": {"lost": 3}}, {**whole, "segments": [{"settled": False, "outcome": "timeout"}]}]
