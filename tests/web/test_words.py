@@ -181,6 +181,24 @@ def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     assert [key for key in wanted if key not in known] == []
 
 
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_outcome_has_one_word_and_one_tone_on_every_page(language: str) -> None:
+    known = catalogue(language)
+    words = {key.removeprefix("units.word."): text for key, text in known.items() if key.startswith("units.word.")}
+    named = {word: text for word, text in words.items() if f"verdict.{word}" in known}
+    assert len(named) == 13
+    assert [word for word, text in named.items() if text.lower() != known[f"verdict.{word}"].lower()] == []
+    assert spoken("pages/verdict/judged.js", "outcomeWord", ["PASS", "undecided"], language) == [
+        words["pass"],
+        words["undecided"],
+    ]
+    script = "console.log(JSON.stringify(given.map((word) => page.toneOf(word))))"
+    tones = told("pages/verdict/judged.js", script, ["unknown_effect", "MARGINAL", "uncalibrated"])
+    assert tones == ["warn", "warn", "idle"]
+    own = [path.name for path in scripts() if re.search('missing_effect: *"', path.read_text(encoding="utf-8"))]
+    assert own == ["judged.js"]
+
+
 def test_every_channel_that_a_table_may_have_is_named_in_the_readers_language() -> None:
     names = spoken("lib/words.js", "channelWord", list(IMPORTED))
     assert [name for name in names if not re.search("[\u4e00-\u9fff]", name)] == []

@@ -9,6 +9,7 @@ import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
 import { effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
+import { outcomeWord } from "./verdict/judged.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
 const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [", ", item] : [item])).concat(items.length > most ? [` ${t("fleet.more", { n: items.length - most })}`] : []);
@@ -147,7 +148,7 @@ function Lacks({ params, cut }) {
       ${Object.keys(data.models).map((name) => html`<option key=${name} value=${name} selected=${name === data.model}>${name}</option>`)}</select>` : html`<code>${data.model}</code>`}</p>
     <div class="scroll" tabindex="0" role="region" aria-label=${t("fleet.lacks")}><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lotName(lot, cut)}</th>`)}</tr></thead>
       <tbody>${effects.map((effect) => row(effectWord(effect), "lacks", effect))}
-        ${WORDS.map((word) => row(t(`workbench.verdict.${word}`), "verdicts", word))}
+        ${WORDS.map((word) => row(outcomeWord(word), "verdicts", word))}
         <tr><th scope="row">${t("fleet.head.units")}</th><td class="n"><b>${data.units}</b></td>${shown.map(({ lot, units }) => html`<td key=${lot} class="n">${units}</td>`)}</tr></tbody></table></div>
     <p class="soft small">${t("fleet.lacks_note")}</p>
     ${data.lots.length > shown.length && html`<p class="soft small">${t("fleet.more", { n: data.lots.length - shown.length })}</p>`}

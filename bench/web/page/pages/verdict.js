@@ -8,7 +8,7 @@ import { may } from "../lib/store.js";
 import { moment, number, quantityWord, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
-import { judged, margin, toneOf, worst } from "./verdict/judged.js";
+import { judged, margin, outcomeWord, toneOf, worst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
 
 const LOOK_MS = 2000;
@@ -143,12 +143,12 @@ function Reasons({ limits, of }) {
 
 function Judged({ result }) {
   const { name, value, low, high, unit, lower, upper, reason, verdict } = result;
-  const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
+  const [tone, left] = [toneOf(verdict), margin(result)];
   const sides = [lower !== null && `≥ ${number(lower)}`, upper !== null && `≤ ${number(upper)}`].filter(Boolean).join(", ");
   return html`<tr><th scope="row">${quantityWord(name)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
     <td class="n figures">${number(value)}${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : number(low)} … ${high === null ? "∞" : number(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
     <td>${symbols(unit)}</td>
-    <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
+    <td>${verdict ? html`<${Lamp} tone=${tone}>${outcomeWord(verdict)}<//>` : "–"}</td></tr>`;
 }
 
 /** What happened and what the bench did, from the run's events. */

@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "../../lib/preact.js";
 import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
 import { language, or, t } from "../../lib/words.js";
+import { outcomeWord, toneOf } from "../verdict/judged.js";
 
 const AGAIN_MS = 5000;
 
@@ -39,11 +40,10 @@ export function day(iso) {
   return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium" }).format(date);
 }
 
-const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn", adequate: "good", pass: "good", fail: "bad" };
-const STATES = { done: "good", running: "link", aborted: "warn", failed: "bad" };
+const STATES = { done: "good", running: "link", aborted: toneOf("aborted"), failed: "bad" };
 
 /** A verdict or a status in colour, shape and word. */
-export const Verdict = ({ word }) => word && html`<${Lamp} tone=${TONES[word] ?? "idle"}>${or(`units.word.${word}`, word)}<//>`;
+export const Verdict = ({ word }) => word && html`<${Lamp} tone=${toneOf(word)}>${outcomeWord(word)}<//>`;
 
 /** Result of a run: its verdict against limits, else that of the analysis, else its state. */
 export function Outcome({ run }) {

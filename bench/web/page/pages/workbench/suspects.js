@@ -3,15 +3,9 @@ import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { effectWord, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
+import { outcomeWord, toneOf } from "../verdict/judged.js";
 
 const SHOWN = 4;
-const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad", undecided: "warn" };
-const VERDICTS = () => ({
-  adequate: t("workbench.verdict.adequate"),
-  missing_effect: t("workbench.verdict.missing_effect"),
-  unknown_effect: t("workbench.verdict.unknown_effect"),
-  undecided: t("workbench.verdict.undecided"),
-});
 
 /** Evidence as a bar with a mark at the threshold. */
 function Evidence({ value, threshold, most, found }) {
@@ -144,8 +138,8 @@ export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPictur
   const lead = leads(found);
   const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));
   return html`<div class="wb-diagnosis">
-    <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
-      <p class="wb-word">${VERDICTS()[found.verdict] ?? found.verdict}</p>
+    <div class=${`wb-verdict wb-${toneOf(found.verdict)}`} role="status">
+      <p class="wb-word">${outcomeWord(found.verdict)}</p>
       <p>${first}</p>
       ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(" ")}</p></details>`}
     </div>
