@@ -49,7 +49,7 @@ export default function Verdict({ params }) {
     if (run?.job && end && !end.analysing && !end.units?.some(({ analysed }) => analysed)) navigate(`/calibrations/${run.job}`, { replace: true }); // its calibration judges it
     if (run?.profile === "lot") navigate(`/runs/${params.unit}/${params.run}`, { replace: true }); // made of other runs: nothing was measured
   }, [run, end]);
-  const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
+  const units = end?.units?.length ? inOrder(end.units) : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
   const shown = units[words.indexOf(word)];
@@ -58,20 +58,25 @@ export default function Verdict({ params }) {
   if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
+  const n = words.filter((one) => one === word).length;
+  const some = n < units.length && html`<b>${t("verdict.of_units", { n, of: units.length })}</b> `;
   return html`<article class=${`verdict tone-${toneOf(word)}`}>
     <${Word} word=${word} />
     <div class="verdict-about">
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}${run?.started && html` · <time datetime=${run.started}>${moment(run.started)}</time>`}</p>
-      <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
+      <p class="verdict-sentence">${some}${t(`verdict.${word}.sentence`, { n })}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} of=${units.length > 1 && shown.unit} />`}
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
-      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
+      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${some}${t(next(word, end, answer), { n })}</p></section>
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
     </div>
   </article>`;
 }
+
+/** Units by serial number, whichever of their runs the address names. */
+const inOrder = (units) => [...units].sort((one, other) => one.unit.localeCompare(other.unit, undefined, { numeric: true }));
 
 /** The next step; with an unverified safe state, go to the chamber first. */
 const next = (word, end, answer) => {
@@ -177,7 +182,7 @@ function Ways({ units, run, reported }) {
   const one = units[0];
   const written = one.analysed && one.run;
   return html`<div class="verdict-ways">
-    ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit")}</a>`}
+    ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit", { n: units.length })}</a>`}
     ${may("operator") && run?.runs && !run.job && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
     ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
