@@ -257,6 +257,15 @@ def test_what_the_bench_says_in_english_is_written_as_the_page_writes_it() -> No
     ]
 
 
+def test_a_measured_value_keeps_its_digits_and_a_given_one_has_no_more_than_it_was_given() -> None:
+    values = [0.53, 0.1101, 1234.56, -2.0, 0, 3, 0.9996, 1.5e-7, 12345.6]
+    measured = ["0.530", "0.110", "1235", "−2", "0", "3", "1.000", "1.50·10⁻⁷", "12,346"]
+    call = "console.log(JSON.stringify(given.map((value) => page.{}(value))))"
+    assert told("lib/words.js", call.format("sig"), values) == measured
+    limits = [0.5, 2.0, 0.0005, -40.0]
+    assert told("lib/words.js", call.format("asGiven"), limits) == ["0.5", "2", "0.0005", "−40"]
+
+
 def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
     options = {name for one in library_of_effects() for name in one.options}
     known = catalogue("zh")

@@ -6,7 +6,7 @@ import { navigate, remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
-import { effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
 import { outcomeWord } from "./verdict/judged.js";
@@ -55,7 +55,7 @@ function Capability({ fleet, chosen, choose }) {
     <thead><tr>${head.map((key, i) => html`<th key=${key} scope="col" class=${i ? "n" : undefined}>${t(`fleet.head.${key}`)}</th>`)}</tr></thead>
     <tbody>${shown.map((one) => {
       const able = one.capability;
-      const limits = [one.lower !== null && `≥ ${sig(one.lower)}`, one.upper !== null && `≤ ${sig(one.upper)}`].filter(Boolean).join(", ");
+      const limits = [one.lower !== null && `≥ ${asGiven(one.lower)}`, one.upper !== null && `≤ ${asGiven(one.upper)}`].filter(Boolean).join(", ");
       return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
         <th scope="row">${one.signals === null ? quantityWord(one.name) : html`<button type="button" aria-pressed=${one.name === chosen} onClick=${() => choose(one.name)}>${quantityWord(one.name)}</button>`}
           <span class="soft small"> ${symbols(one.unit)}</span></th>

@@ -3,7 +3,7 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
-import { duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
@@ -83,7 +83,7 @@ function Trends({ unit }) {
         <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantityWord(trend.name)}</button></th>
         <td><${Spark} values=${alike(trend).map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
         <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${symbols(trend.unit)}</span></td>
-        <td class="n">${[trend.lower !== null && `≥ ${sig(trend.lower)}`, trend.upper !== null && `≤ ${sig(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
+        <td class="n">${[trend.lower !== null && `≥ ${asGiven(trend.lower)}`, trend.upper !== null && `≤ ${asGiven(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
       </tr>`)}</tbody></table></div>
     <div><h3>${quantityWord(one.name)}</h3>
       <${Trouble} error=${error} retry=${again} />
