@@ -266,6 +266,13 @@ def test_a_measured_value_keeps_its_digits_and_a_given_one_has_no_more_than_it_w
     assert told("lib/words.js", call.format("asGiven"), limits) == ["0.5", "2", "0.0005", "−40"]
 
 
+def test_a_finding_is_a_sentence_on_the_page() -> None:
+    given = ["longest soak is 4 min: too short", "dT/dt is small.", "chamber.yaml: no map"]
+    call = "console.log(JSON.stringify(given.map((text) => page.sentence(text))))"
+    sentences = ["Longest soak is 4 min: too short.", "dT/dt is small.", "chamber.yaml: no map."]
+    assert told("lib/said.js", call, given) == sentences
+
+
 def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
     options = {name for one in library_of_effects() for name in one.options}
     known = catalogue("zh")

@@ -28,13 +28,16 @@ function named(name, at) {
 export const english = (text) =>
   text.replace(NAME, named).replaceAll(" +- ", " ± ").replace(/(?<=\d )degC\b/g, "°C").replace(/(\d) x(?=[ ,.;)]|$)/g, "$1 ×");
 
-const quoted = (text) => text?.replace(/`([^`]+)`/g, "“$1”");
+const quoted = (text, whole) => text && (whole ? sentence(text) : text).replace(/`([^`]+)`/g, "“$1”");
 
-/** `text` in the reader's language; marked as English where it stays so. */
-export function Said({ text }) {
+/** A finding as a sentence: a plain word at its begin is capital, and it ends. */
+export const sentence = (text) => text.replace(/^\p{Ll}[\p{Ll}’'-]*(?=[ ,])/u, (word) => word[0].toUpperCase() + word.slice(1)).replace(/[^.!?…。]$/, language.get() === "zh" ? "$&。" : "$&.");
+
+/** `text` in the reader's language, `whole` as a sentence; marked as English where it stays so. */
+export function Said({ text, whole = false }) {
   const known = useStore(sentences);
   const spoken = useStore(language);
-  if (!text || spoken === "en") return quoted(text && english(text));
+  if (!text || spoken === "en") return quoted(text && english(text), whole);
   if (!asked) fetchThem();
-  return quoted(known?.told(text, spoken)) ?? html`<span lang="en">${quoted(english(text))}</span>`;
+  return quoted(known?.told(text, spoken), whole) ?? html`<span lang="en">${quoted(english(text), whole)}</span>`;
 }
