@@ -34,9 +34,15 @@ def test_an_effect_that_unseen_data_prove_is_named():
 
 
 def test_where_another_model_was_diagnosed_than_the_best_both_say_what_they_leave():
-    assert "; spline lacks resonance" in headline(0.2, 0.1, "missing_effect", (FOUND,)).sentence
+    assert "; spline lacks resonance" in headline(0.11, 0.1, "missing_effect", (FOUND,)).sentence
     other = headline(0.2, 0.1, "missing_effect", (FOUND,), "curve").sentence
-    assert other.endswith("data; curve leaves 2.0 × and lacks resonance_frequency; adding it would leave 1.0 ×.")
+    text = "leaves 2.0 × in its diagnosis and lacks resonance_frequency; adding it would leave 1.0 ×."
+    assert other.endswith(f"data; curve {text}")
+
+
+def test_where_the_diagnosis_begins_is_told_where_it_is_not_the_error_of_the_comparison():
+    found = headline(0.2, 0.1, "missing_effect", (FOUND,)).sentence
+    assert "spline leaves 1.1 × the noise floor on unseen data; spline leaves 2.0 × in its diagnosis and" in found
 
 
 def test_ends_of_a_range_are_told_apart():

@@ -106,7 +106,7 @@ def test_a_model_that_cannot_be_fitted_is_refused_with_its_reason():
         compare(ramp, ladder(), 0.2)
     comparison = compare(ramp, ladder(), 0.2, strict=False)
     assert [name for name, _ in comparison.refused] == ["fixed points, line", "fixed points, parabola"]
-    assert comparison.scores[-1].by_segments.reason.startswith("the data is one piece")
+    assert comparison.scores[-1].by_segments.reason.startswith("the data are one piece")
     assert np.isnan(comparison.scores[-1].by_segments.rms_dph)
 
 

@@ -238,7 +238,7 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     page.get_by_role("progressbar").wait_for()
     visitors.may_lose_the_server(page)
     bench.site.end()
-    page.get_by_text("the data shown is old").wait_for()
+    page.get_by_text("the data shown are old").wait_for()
     page.get_by_role("button", name="Abort …").click()
     page.get_by_role("button", name="Abort the run").click()
     page.get_by_text("Go to the chamber now").wait_for()
@@ -246,7 +246,7 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     size = journal.stat().st_size
     until(lambda: journal.stat().st_size > size + 20_000)  # the run does not care
     bench.site.start()
-    page.get_by_text("the data shown is old").wait_for(state="detached")
+    page.get_by_text("the data shown are old").wait_for(state="detached")
     now_s = until(lambda: bench.get(f"/live/{run}").get("t_s"))
     page.wait_for_function(CAUGHT_UP, arg=[run, now_s])
 

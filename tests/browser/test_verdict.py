@@ -72,6 +72,24 @@ def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(site, visitors)
     assert [text.upper() for text in told] == ["MEASURED", "MEASURED", "PASS", "MEASURED"]
 
 
+def test_several_units_stand_in_the_order_of_their_numbers_and_are_spoken_of_as_several(site, visitors):
+    page = visitors.come(site[0])
+    units = [{"unit": f"U-{n}", "run": f"U-{n}/run", "verdict": "missing_effect", "sentence": "", "limits": None,
+              "analysed": True} for n in (2, 1, 10)]  # fmt: skip
+    end = {"state": "done", "cause": "", "analysing": False, "units": units, "verdict": None, "safe": True,
+           "safe_state": [], "requests": []}  # fmt: skip
+    run = {"run": "U-2/run", "runs": [one["run"] for one in units], "condition": "ended", "profile": "short",
+           "station": "s", "ended": end}  # fmt: skip
+    page.route("**/api/v1/live/U-2/run", lambda route: route.fulfill(json=run))
+    page.goto("/verdict/U-2/run")
+    page.get_by_text("Remove the units.").wait_for()
+    assert page.locator(".verdict-units b").all_inner_texts() == ["U-1", "U-2", "U-10"]
+    assert "effect of these units" in page.locator(".verdict-sentence").inner_text()
+    units[0]["verdict"] = "adequate"
+    page.reload()
+    page.locator(".verdict-sentence").get_by_text("2 of 3 units:").wait_for()
+
+
 def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitors):
     page = visitors.come(site[0])
     unit = {"verdict": "adequate", "sentence": "", "analysed": True}
@@ -86,7 +104,7 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     page.route("**/api/v1/runs/-1/run", lambda route: route.fulfill(json=judged))
     page.goto("/verdict/-0/run")
     table = page.get_by_role("table", name="Ж-1")
-    assert table.get_by_role("cell").first.inner_text().split() == ["0.3", "deg/h", "0", "…", "∞"], "why it is marginal"
+    assert table.get_by_role("cell").first.inner_text().split() == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"
 
 
 @pytest.mark.parametrize("locale", ["en-GB", "uk-UA", "zh-CN"])

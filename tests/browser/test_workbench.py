@@ -77,16 +77,16 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     page.evaluate("addEventListener('click', () => clicked(), true)")
     choose(page)
     take_the_others(page)
-    page.get_by_text("An effect is missing", exact=True).wait_for()
+    page.get_by_text("Effect missing", exact=True).wait_for()
     before = held_out(page)
     page.get_by_role("button", name="Add: Aging").or_(page.get_by_role("button", name="Add Aging")).click()
     page.locator(".wb-fell").wait_for()
     assert held_out(page) < 0.5 * before
     assert "lower" in page.locator(".wb-fell").inner_text()
-    page.get_by_text("No effect is missing", exact=True).wait_for()
+    page.get_by_text("Adequate", exact=True).wait_for()
     assert len(clicks) <= 5
     page.get_by_role("button", name="Undo").click()
-    page.get_by_text("An effect is missing", exact=True).wait_for()
+    page.get_by_text("Effect missing", exact=True).wait_for()
     assert held_out(page) == before
     page.get_by_role("button", name="Redo").click()
     page.locator(".wb-fell").wait_for()
@@ -100,7 +100,7 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     page.locator(".wb-fell").wait_for()  # the step before is known, too
     for _ in range(3):
         page.go_back()
-    page.get_by_text("An effect is missing", exact=True).wait_for()
+    page.get_by_text("Effect missing", exact=True).wait_for()
     page.locator(".wb-words", has_text="means over").wait_for()
 
 

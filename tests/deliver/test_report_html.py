@@ -171,7 +171,7 @@ def test_an_adequate_run_says_what_it_could_have_shown_and_advises_nothing(
 ) -> None:
     page = Page(render(clean(tmp_path_factory.getbasetemp())))
     text = section(page, "Missing effects", "Compensation over time")
-    assert "This data shows no missing effect" in text
+    assert "These data show no missing effect" in text
     assert "bench add" not in text
     assert "What this run could not have shown" in text
     drawn = {name.removeprefix("fig-").removesuffix("-data") for name in page.figures()}

@@ -290,6 +290,19 @@ def test_a_figure_has_the_newest_units_and_the_limits_of_all(client, monkeypatch
     assert len(client.get(f"{API}/fleet/charts/distances", params={"until": "2099-01-01"}).json()["units"]) == 10
 
 
+def test_a_fleet_says_which_runs_it_leaves_out_and_whose_lots_are_cut_from_serial_numbers(tmp_path):
+    for number in range(3):
+        station(tmp_path, f"SIM-{number}", "S", number, residual=0.1, simulated=True)
+    station(tmp_path, "REAL", "S", 4.0, residual=0.2, simulated=False)
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        client.post(f"{API}/registry", json={}).raise_for_status()
+        real = client.get(f"{API}/fleet").json()
+        assert (real["units"], real["simulated"], real["left_out"]) == (1, False, ["3 simulated"])
+        assert (real["choices"]["lots"], real["choices"]["cut"]) == (["SIM", "no lot"], ["SIM"])
+        others = client.get(f"{API}/fleet", params={"simulated": "true"}).json()
+        assert (others["units"], others["simulated"], others["left_out"]) == (3, True, ["1 not simulated"])
+
+
 def test_what_units_lack_is_told_by_lot_of_the_model_that_most_were_diagnosed_with(tmp_path):
     for lot, number, model, lacks in (
         *(("A", i, "spline", ["thermal_lag"]) for i in range(9)),

@@ -139,6 +139,13 @@ def test_a_margin_is_what_is_left_to_the_nearest_limit() -> None:
     assert told("pages/verdict/judged.js", script, given) == [pytest.approx(0.2), -1.0, None]
 
 
+def test_a_trend_joins_runs_of_one_profile_up_to_the_run_that_is_asked_for() -> None:
+    points = [{"run": f"{n}", "profile": profile} for n, profile in enumerate("aabab")]
+    script = "console.log(JSON.stringify(given.runs.map((run) => page.alike(given, run).map((point) => point.run))))"
+    answer = told("pages/stock/trend.js", script, {"points": points, "runs": [None, "1", "gone"]})
+    assert answer == [["2", "4"], ["0", "1"], ["2", "4"]]
+
+
 def test_to_repeat_a_run_is_the_advice_only_where_it_can_help() -> None:
     whole = {"segments": [{"settled": True, "outcome": "done"}], "losses": {"received": 9, "lost": 0}}
     runs = [whole, {**whole, "losses": {"lost": 3}}, {**whole, "segments": [{"settled": False, "outcome": "timeout"}]}]
@@ -172,6 +179,24 @@ def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:
     known = catalogue("en")
     wanted = [f"verdict.{word}{part}" for word in words for part in ("", ".sentence", ".next")]
     assert [key for key in wanted if key not in known] == []
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_an_outcome_has_one_word_and_one_tone_on_every_page(language: str) -> None:
+    known = catalogue(language)
+    words = {key.removeprefix("units.word."): text for key, text in known.items() if key.startswith("units.word.")}
+    named = {word: text for word, text in words.items() if f"verdict.{word}" in known}
+    assert len(named) == 13
+    assert [word for word, text in named.items() if text.lower() != known[f"verdict.{word}"].lower()] == []
+    assert spoken("pages/verdict/judged.js", "outcomeWord", ["PASS", "undecided"], language) == [
+        words["pass"],
+        words["undecided"],
+    ]
+    script = "console.log(JSON.stringify(given.map((word) => page.toneOf(word))))"
+    tones = told("pages/verdict/judged.js", script, ["unknown_effect", "MARGINAL", "uncalibrated"])
+    assert tones == ["warn", "warn", "idle"]
+    own = [path.name for path in scripts() if re.search('missing_effect: *"', path.read_text(encoding="utf-8"))]
+    assert own == ["judged.js"]
 
 
 def test_every_channel_that_a_table_may_have_is_named_in_the_readers_language() -> None:
@@ -219,6 +244,33 @@ def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() 
 def test_a_shipped_station_is_named_whichever_way_its_name_is_written() -> None:
     given = ["four_units", "four-units", "my_own"]
     assert spoken("lib/names.js", "stationName", given) == ["四个产品", "四个产品", "my_own"]
+
+
+def test_what_the_bench_says_in_english_is_written_as_the_page_writes_it() -> None:
+    given = [
+        "settled at 25 degC after 3 min; spline lacks thermal_lag and warm_up, 2.47 x its noise floor",
+        "no 'warm_up' in profiles/warm_up.yaml: power_on_s: 3; 0.5 +- 0.1 degC/min, 4 x 2",
+    ]
+    assert spoken("lib/said.js", "english", given, "en") == [
+        "settled at 25 °C after 3 min; spline lacks thermal lag and warm-up, 2.47 × its noise floor",
+        "no 'warm_up' in profiles/warm_up.yaml: power_on_s: 3; 0.5 ± 0.1 °C/min, 4 × 2",
+    ]
+
+
+def test_a_measured_value_keeps_its_digits_and_a_given_one_has_no_more_than_it_was_given() -> None:
+    values = [0.53, 0.1101, 1234.56, -2.0, 0, 3, 0.9996, 1.5e-7, 12345.6]
+    measured = ["0.530", "0.110", "1235", "−2", "0", "3", "1.000", "1.50·10⁻⁷", "12,346"]
+    call = "console.log(JSON.stringify(given.map((value) => page.{}(value))))"
+    assert told("lib/words.js", call.format("sig"), values) == measured
+    limits = [0.5, 2.0, 0.0005, -40.0]
+    assert told("lib/words.js", call.format("asGiven"), limits) == ["0.5", "2", "0.0005", "−40"]
+
+
+def test_a_finding_is_a_sentence_on_the_page() -> None:
+    given = ["longest soak is 4 min: too short", "dT/dt is small.", "chamber.yaml: no map"]
+    call = "console.log(JSON.stringify(given.map((text) => page.sentence(text))))"
+    sentences = ["Longest soak is 4 min: too short.", "dT/dt is small.", "chamber.yaml: no map."]
+    assert told("lib/said.js", call, given) == sentences
 
 
 def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:

@@ -292,7 +292,7 @@ def _soaks(profile: Profile) -> Iterator[Finding]:
     longest_s = max((leg.duration_s for leg in soaks), default=0.0)
     if longest_s < _SHORTEST_SOAK_S:
         text = f"longest soak is {longest_s / 60:.0f} min: the noise floor is read where the unit stands still for"
-        text += f" {LEAST_STRETCH_S / 60:.0f} min, which takes a soak of about {_SHORTEST_SOAK_S / 60:.0f}"
+        text += f" {LEAST_STRETCH_S / 60:.0f} min, which takes a soak of about {_SHORTEST_SOAK_S / 60:.0f} min"
         yield _find(profile, "warning", text, soaks[-1] if soaks else None)
 
 

@@ -169,7 +169,7 @@ def _left_out(
     """
     folds = [(i, piece) for i, own in enumerate(pieces) for piece in np.unique(own).tolist()]
     if len(folds) < 2:
-        return HeldOut(by, reason=f"the data is one piece: nothing can be left out by {by}")
+        return HeldOut(by, reason=f"the data are one piece: nothing can be left out by {by}")
     residuals = tuple(np.full(len(record), np.nan) for record in records)
     outside = 0
     for i, piece in folds:

@@ -85,5 +85,5 @@ def sentence(best: DescribedFormula) -> str:
     text += f" No unseen data can judge it: {best.proof.unjudged}" if unjudged else f" With it {best.proof.words}"
     text += f"; add it with bench add {best.added}."
     if best.equivalent:
-        text += f" This data cannot tell it from {' or '.join(best.equivalent[:2])}."
+        text += f" These data cannot tell it from {' or '.join(best.equivalent[:2])}."
     return text + (f" Caution: {best.caution}." if best.caution else "")

@@ -91,7 +91,7 @@ def _score(one: Pass, records: Sequence[SampledRun], floor_dph: float) -> Score:
 def _left_out(one: Pass, label: IntArray, by: str) -> HeldOut:
     """Every group of blocks predicted by the fit to the rows of all others; no sample is read again."""
     if np.unique(label).size < 2:
-        return HeldOut(by, reason=f"the data is one piece: nothing can be left out by {by}")
+        return HeldOut(by, reason=f"the data are one piece: nothing can be left out by {by}")
     groups = one.normal(one.state.grouped(label))
     squares = left_out(groups, fitted=None if one.rows.all() else one.normal(_branch(one, label, one.rows)))
     if not np.all(np.isfinite(squares)):

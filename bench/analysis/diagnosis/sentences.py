@@ -30,7 +30,7 @@ def _verdict(answer: Diagnosis, why: str) -> str:
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
         return (
-            f"This data shows no missing effect: the residual ({number(answer.rms_dph)} deg/h RMS, noise floor "
+            f"These data show no missing effect: the residual ({number(answer.rms_dph)} deg/h RMS, noise floor "
             f"{number(answer.floor_dph)}) is noise.{noise}{_slow(answer)}"
         )
     if answer.verdict == "missing_effect":
@@ -86,7 +86,7 @@ def _suspected(answer: Diagnosis) -> str:
 
 def _alike(suspect: SuspectedEffect) -> list[str]:
     alike = suspect.look_alikes
-    return [f"This data cannot tell {suspect.effect} from {' or '.join(alike)}."] if alike else []
+    return [f"These data cannot tell {suspect.effect} from {' or '.join(alike)}."] if alike else []
 
 
 def _further(answer: Diagnosis) -> list[str]:

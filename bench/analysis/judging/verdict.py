@@ -101,11 +101,11 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
         ratio = steps[len(missing)] / floor_dph if len(steps) > len(missing) else np.nan
         them = "it" if len(missing) == 1 else "them"
         leaves = f"; adding {them} would leave {number(ratio, 2)} ×" if np.isfinite(ratio) else ""
-        # The best model is another one where it has no free curve: what the diagnosed one leaves is told, too.
-        own = steps[0] / floor_dph if steps and f"{name} leaves" not in verdict.sentence else np.nan
+        # The best model may be another one, its rows are weighted by noise: where the diagnosis begins is told, too.
+        own = number(steps[0] / floor_dph, 2) if steps and np.isfinite(steps[0] / floor_dph) else ""
         finding = f"{name} lacks {listed(missing)}"
-        if np.isfinite(own):
-            finding = f"{name} leaves {number(own, 2)} × and lacks {listed(missing)}"
+        if own and f"{name} leaves {own} ×" not in verdict.sentence:
+            finding = f"{name} leaves {own} × in its diagnosis and lacks {listed(missing)}"
         finding += leaves
     no_floor = verdict.word in {"unproven", "undecided"} and answer.verdict in {"adequate", "undecided"}
     kept = verdict.word in {"partial", "no_data"} or no_floor

@@ -38,6 +38,7 @@ def overview(found: Statistics) -> Found:
         **content,
         "drifts": moved,
         "tested": len(found.drifts),
+        "simulated": bool(newest.column("simulated")[0]),
         "lots": len({one.lot for one in newest}),
         "stations": len({one.station for one in newest}),
         "from": newest[0].created,

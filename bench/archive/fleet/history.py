@@ -105,7 +105,7 @@ def calibrations(
         row = rows.get(run["id"])
         if row is None or row["model"] is None or run["corrected"]:
             continue
-        held_here = held in _names(run, row, archive)
+        held_here, refused = held in _names(run, row, archive), row["judged"] in _REFUSED
         status = "in_unit" if held_here else _status(run, row, passed_before=any(one["usable"] for one in out))
         certificate = None
         if own := issued.get(run["id"]):
@@ -114,7 +114,7 @@ def calibrations(
         out.append({
             "run": run["path"], "created": run["created"], "age_days": _age_days(run["created"], now),
             "model": row["model"], "verdict": row["verdict"], "judged": row["judged"], "limits": row["limits"],
-            "validity": row["validity"] or {}, "status": status, "usable": status != "not_passed" and row["judged"] not in _REFUSED,
+            "validity": row["validity"] or {}, "status": status, "usable": status != "not_passed" and not refused,
             "certificate": certificate, "coefficients_sha256": row["coefficients_sha256"],
         })  # fmt: skip
     return out

@@ -19,7 +19,7 @@ from bench.archive.registry.writing import TABLES
 from bench.base import IntArray
 
 IMPORT = "import"
-UNKNOWN, ONE = "unknown", "one"
+UNKNOWN, ONE = "unknown", "no lot"
 """The station, and the lot, of runs that name none."""
 COMPARED = ("unit", "lot", "station", "created", "profile", "state", "cause", "simulated", "corrected")
 """Columns of a run that a selection looks at."""
@@ -36,6 +36,8 @@ class Selection:
     since: date | None = None
     until: date | None = None
     """First and last day (UTC)."""
+    simulated: bool | None = None
+    """Simulated runs alone, or none of them; None: they count only where there are no others."""
 
     def among(self) -> list[ColumnElement[bool]]:
         """Conditions on runs and units of the registry that leave out most of what `of` leaves out, and nothing else.
@@ -63,7 +65,7 @@ class Selection:
     def of(self, runs: Sequence[Row]) -> tuple[list[Row], tuple[str, ...]]:
         """The runs that may stand in one figure, in their order, and what was left out, in words.
 
-        Each has the columns of the registry's runs. Simulated runs count only where there are no others.
+        Each has the columns of the registry's runs.
         """
         columns = {name: np.array([run[name] for run in runs], dtype=object) for name in COMPARED}
         kept, left = self.kept(columns)
@@ -90,8 +92,11 @@ class Selection:
             keep([first <= day_of(created) <= last for created in runs["created"][found]], "of other days")
         keep(runs["state"][found] == "done", "that did not end as planned")
         keep(~runs["corrected"][found].astype(bool), "of units that corrected themselves")
-        if np.equal(runs["simulated"][found], False).any():
-            keep(~runs["simulated"][found].astype(bool), "simulated")
+        simulated = runs["simulated"][found].astype(bool)
+        if self.simulated:
+            keep(simulated, "not simulated")
+        elif self.simulated is False or np.equal(runs["simulated"][found], False).any():
+            keep(~simulated, "simulated")
         profiles = profile_of(runs["cause"][found], runs["profile"][found])
         pairs = zip(profiles.tolist(), runs["unit"][found].tolist(), strict=True)
         several = len(set(profiles.tolist())) > 1

@@ -283,19 +283,24 @@ def lot_of(unit: str, recorded: str | None) -> str:
 
 
 def choices(registry: Registry) -> dict[str, list[str]]:
-    """Stations, lots and plans of all calibrated runs, by which a fleet can be chosen."""
+    """Stations, lots and plans of all calibrated runs, by which a fleet can be chosen.
+
+    `cut`: lots that no unit has on record, of all units; the serial numbers begin with them.
+    """
     run, calibration, unit = (TABLES[name] for name in ("runs", "calibrations", "units"))
     of_station = select(run.c.station, run.c.profile, run.c.cause).join_from(run, calibration).distinct()
     own = select(calibration.c.run).join_from(calibration, run).where(run.c.unit == unit.c.serial).exists()
     with registry.reading() as connection:
         found = [dict(row) for row in connection.execute(of_station).mappings()]
         lots = set(connection.execute(select(unit.c.lot).where(unit.c.lot.is_not(None), own).distinct()).scalars())
-        nameless = connection.execute(select(unit.c.serial).where(unit.c.lot.is_(None), own)).scalars()
-        lots |= {lot_of(serial, None) for serial in nameless}
+        nameless = connection.execute(select(unit.c.serial, own).where(unit.c.lot.is_(None))).all()
+    cut = {lot_of(serial, None) for serial, _ in nameless} - lots - {ONE}
+    lots |= {lot_of(serial, None) for serial, calibrated in nameless if calibrated}
     stations = {str(one["station"] or UNKNOWN) for one in found}
     return {
         "stations": sorted(stations),
         "lots": sorted(lots),
+        "cut": sorted(cut),
         "plans": sorted({str(profile_of(one["cause"], one["profile"])) for one in found}),
     }
 

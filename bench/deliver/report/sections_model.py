@@ -42,7 +42,7 @@ def ladder(analysis: Analysis) -> Section | None:
     if comparison is None:
         return None
     refused = refused_models(comparison)
-    lost = table("Models that this data cannot determine", ("model", "why"), refused) if refused else Markup()
+    lost = table("Models that these data cannot determine", ("model", "why"), refused) if refused else Markup()
     if best is None:
         return Section("ladder", "Ladder of models", paragraph("No model could be fitted.") + lost)
     scores, floor_dph = comparison.scores, finite(comparison.floor_dph)

@@ -56,10 +56,12 @@ class Chosen(BaseModel):
     plan: Annotated[str | None, Field(max_length=200)] = None
     since: date | None = None
     until: date | None = None
+    simulated: bool | None = None
+    """Simulated runs alone, or none of them; else they count only where there are no others."""
 
     def selection(self) -> Selection:
         """The same in the words of the archive."""
-        return Selection(self.plan, self.station, self.lot, self.since, self.until)
+        return Selection(self.plan, self.station, self.lot, self.since, self.until, self.simulated)
 
 
 Choice = Annotated[Chosen, Query()]
@@ -75,7 +77,11 @@ class Fleet(BaseModel):
     """Quantities that the limits require and no unit has."""
     known_limits: list[str] = []
     choices: dict[str, list[str]] = {}
-    """Stations, lots and plans of all calibrated runs."""
+    """Stations, lots and plans of all calibrated runs; `cut`: lots that are the beginnings of serial numbers."""
+    left_out: list[str] = []
+    """Runs that do not stand beside these, in words."""
+    simulated: bool | None = None
+    """Whether these units are simulated."""
     lots: int = 0
     stations: int = 0
     first: str | None = None

@@ -146,7 +146,7 @@ def why(found: Diagnosis, suspect: SuspectedEffect) -> str:
     if strongest[1] > 0:
         parts.append(f"most of it from '{strongest[0]}'")
     text = "; ".join(parts) + "."
-    alike = f" This data cannot distinguish it from {listed(suspect.look_alikes)}." if suspect.look_alikes else ""
+    alike = f" These data cannot distinguish it from {listed(suspect.look_alikes)}." if suspect.look_alikes else ""
     return text + alike
 
 

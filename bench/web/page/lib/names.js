@@ -6,6 +6,8 @@ export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "pla
 
 /** The same for limits and for a station, which is named by its file or, with a hyphen, by what is in it. */
 export const limitsName = (id, title = id) => or(`limits.${id}`, title);
+/** A lot by its name; `cut` are those that are only the beginnings of serial numbers (`choices` of GET /fleet). */
+export const lotName = (lot, cut) => (lot === "no lot" ? t("fleet.no_lot") : cut?.includes(lot) ? t("fleet.cut_lot", { lot }) : lot);
 export const stationName = (name) => or(`station.${name?.replaceAll("-", "_")}`, name);
 
 /** Name of the plan of a run; of an import its file. */

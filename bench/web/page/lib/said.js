@@ -1,7 +1,7 @@
 // A text of the bench in the reader's language.
 import { html } from "./preact.js";
 import { store, useStore } from "./store.js";
-import { language } from "./words.js";
+import { language, or } from "./words.js";
 
 const sentences = store(/** @type {any} */ (null));
 let asked = false;
@@ -15,11 +15,29 @@ async function fetchThem() {
   }
 }
 
-/** `text` in the reader's language; marked as English where it stays so. */
-export function Said({ text }) {
+/** A word of a program (`thermal_lag`) as people say it; any other one, and one in a path or in quotes, as it is. */
+const NAME = /(?<![\w/.'"`-])[a-z]+(?:_[a-z]+)+(?![\w/'"`:=-]|\.\w)/g;
+
+/** A name in the midst of a sentence, or at its begin. */
+function named(name, at) {
+  const word = or(`workbench.effect.${name}`, null) ?? or(`import.channel.${name}`, null);
+  return word === null ? name : at === 0 ? word : word[0].toLowerCase() + word.slice(1);
+}
+
+/** What the bench writes in plain letters (names, degC, x, +-), as the page writes it. */
+export const english = (text) =>
+  text.replace(NAME, named).replaceAll(" +- ", " ± ").replace(/(?<=\d )degC\b/g, "°C").replace(/(\d) x(?=[ ,.;)]|$)/g, "$1 ×");
+
+const quoted = (text, whole) => text && (whole ? sentence(text) : text).replace(/`([^`]+)`/g, "“$1”");
+
+/** A finding as a sentence: a plain word at its begin is capital, and it ends. */
+export const sentence = (text) => text.replace(/^\p{Ll}[\p{Ll}’'-]*(?=[ ,])/u, (word) => word[0].toUpperCase() + word.slice(1)).replace(/[^.!?…。]$/, language.get() === "zh" ? "$&。" : "$&.");
+
+/** `text` in the reader's language, `whole` as a sentence; marked as English where it stays so. */
+export function Said({ text, whole = false }) {
   const known = useStore(sentences);
   const spoken = useStore(language);
-  if (!text || spoken === "en") return text?.replaceAll(" +- ", " ± ");
+  if (!text || spoken === "en") return quoted(text && english(text), whole);
   if (!asked) fetchThem();
-  return known?.told(text, spoken) ?? html`<span lang="en">${text}</span>`;
+  return quoted(known?.told(text, spoken), whole) ?? html`<span lang="en">${quoted(english(text), whole)}</span>`;
 }

@@ -79,8 +79,8 @@ export function channelWord(name) {
 /** Name of an effect: "thermal lag" for `thermal_lag`; one that is not in the catalogue keeps its name. */
 export const effectWord = (name) => or(`workbench.effect.${name}`, /^\w+$/.test(name) ? name.replaceAll("_", " ") : name);
 
-/** Name of a quantity that is measured or judged. */
-export const quantityWord = (name) => or(`units.q.${name}`, name.replaceAll("_", " "));
+/** Name of a quantity that is measured or judged; `of` a verification it may have another one. */
+export const quantityWord = (name, of = "") => (of && or(`units.q.${name}.${of}`, "")) || or(`units.q.${name}`, name.replaceAll("_", " "));
 
 /** A unit (deg/h/degC) with the symbols of the language; nothing for a plain number. */
 export const symbols = (unit) =>
@@ -90,7 +90,7 @@ const formatters = new Map();
 
 /** A number format of the language in use, made once: a live page writes hundreds of numbers per second. */
 function formatter(options) {
-  const key = `${language.get()} ${Object.values(options).join(" ")}`;
+  const key = `${language.get()} ${Object.entries(options).join(" ")}`;
   if (!formatters.has(key)) formatters.set(key, new Intl.NumberFormat(language.get(), options));
   return formatters.get(key);
 }
@@ -105,14 +105,20 @@ export function number(value, decimals) {
   return text.replace(MINUS, "−").replace(/^-/, "");
 }
 
-/** A measured value to significant digits, with a real minus sign; a dash when there is none. */
+/** A number as it was given (a limit, a sample), without zeros at its end; a dash when there is none. */
+export function asGiven(value, digits = 12) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return formatter({ maximumSignificantDigits: digits, useGrouping: Math.abs(value) >= 1e4 }).format(value).replace(MINUS, "−").replace(/^-/, "");
+}
+
+/** A measured value to so many significant digits, zeros at its end too, whole numbers as they are; a dash when there is none. */
 export function sig(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const size = Math.abs(value);
   const power = size ? Math.floor(Math.log10(size)) : 0;
   const far = power < -4 || power >= 6;
-  const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1 };
-  const text = formatter(format).format(far ? value / 10 ** power : value).replace(/^-/, "−");
+  const whole = Number.isInteger(value);
+  const text = far ? number(value / 10 ** power, whole ? undefined : digits - 1) : number(value, whole ? 0 : Math.max(0, digits - 1 - power));
   return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
 }
 

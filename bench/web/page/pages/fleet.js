@@ -3,11 +3,13 @@ import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { post, query, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
+import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { limitsName, planTitle, stationName } from "../lib/names.js";
-import { effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
+import { asGiven, effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
+import { outcomeWord } from "./verdict/judged.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
 const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [", ", item] : [item])).concat(items.length > most ? [` ${t("fleet.more", { n: items.length - most })}`] : []);
@@ -22,7 +24,7 @@ function Attention({ fleet }) {
     unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantityWord))}`}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations.map(stationName))}`],
     shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")} ${listed(shifted.map(stationName))}`],
-    lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots)}`],
+    lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots.map((lot) => lotName(lot, fleet.choices.cut)))}`],
     odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],
     beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantityWord))}`],
   ].filter(Boolean);
@@ -51,11 +53,12 @@ function Capability({ fleet, chosen, choose }) {
   const charted = fleet.quantities.filter((one) => one.signals !== null || one.capability);
   const rest = fleet.quantities.filter((one) => !charted.includes(one));
   const head = ["quantity", "units", "signals", "mean", "limits", "cpk", "ppk", "outside"];
-  return html`<div class="scroll"><table class="st-table st-quantities">
+  const shown = [...charted, ...(all ? rest : [])];
+  return html`${shown.length > 0 && html`<div class="scroll"><table class="st-table st-quantities">
     <thead><tr>${head.map((key, i) => html`<th key=${key} scope="col" class=${`${i ? "n" : ""} ${NARROW.includes(key) ? "" : "broad"}`}>${t(`fleet.head.${key}`)}</th>`)}</tr></thead>
-    <tbody>${[...charted, ...(all ? rest : [])].map((one) => {
+    <tbody>${shown.map((one) => {
       const able = one.capability;
-      const limits = [one.lower !== null && `≥ ${sig(one.lower)}`, one.upper !== null && `≤ ${sig(one.upper)}`].filter(Boolean).join(", ");
+      const limits = [one.lower !== null && `≥ ${asGiven(one.lower)}`, one.upper !== null && `≤ ${asGiven(one.upper)}`].filter(Boolean).join(", ");
       return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
         <th scope="row">${one.signals === null ? quantityWord(one.name) : html`<button type="button" aria-pressed=${one.name === chosen} onClick=${() => choose(one.name)}>${quantityWord(one.name)}</button>`}
           <span class="soft small"> ${symbols(one.unit)}</span></th>
@@ -65,8 +68,9 @@ function Capability({ fleet, chosen, choose }) {
         <td class="n broad">${able ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)} … ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
         <td class="n">${able ? html`<${Lamp} tone=${one.capable ? "good" : "bad"}>${sig(able.ppk)}<//>` : "–"}</td>
         <td class="n">${able ? able.outside : "–"}</td></tr>`;
-    })}</tbody></table></div>
-    ${rest.length > 0 && html`<button class="narrow quiet" aria-expanded=${String(all)} onClick=${() => setAll(!all)}>${t("fleet.rest", { n: rest.length })}</button>`}`;
+    })}</tbody></table></div>`}
+    ${rest.length > 0 && html`<button class="narrow quiet" aria-expanded=${String(all)} onClick=${() => setAll(!all)}>${t(charted.length ? "fleet.rest" : "fleet.rest_all", { n: rest.length })}</button>`}
+    ${charted.some((one) => one.capability) && html`<p class="soft small">${t("fleet.cpk_note")}</p>`}`;
 }
 
 function Control({ name, params, anchor }) {
@@ -105,7 +109,7 @@ function Drifts({ fleet }) {
   if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")} <span class="soft">${tested}</span></p>`;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col" class="n">p</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
-    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.kind === "station" ? stationName(one.place) : one.place}</th><td>${quantityWord(one.quantity)}</td>
+    <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.kind === "station" ? stationName(one.place) : lotName(one.place, fleet.choices.cut)}</th><td>${quantityWord(one.quantity)}</td>
       <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${symbols(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
       <td class="n">${one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2)}</td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.drift_note")} ${tested}</p>`;
@@ -126,7 +130,7 @@ function Odd({ fleet }) {
   if (!fleet.unlike.length) return html`<p><${Lamp} tone="good">${t("fleet.all_alike")}<//></p>`;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("units.lot")}</th>
       <th scope="col" class="n">${t("fleet.distance")}</th><th scope="col">${t("fleet.leading")}</th></tr></thead>
-    <tbody>${fleet.unlike.map((one) => html`<tr key=${one.unit}><th scope="row">${unitLink(one.unit)}</th><td>${one.lot}</td><td class="n">${sig(one.distance)}</td>
+    <tbody>${fleet.unlike.map((one) => html`<tr key=${one.unit}><th scope="row">${unitLink(one.unit)}</th><td>${lotName(one.lot, fleet.choices.cut)}</td><td class="n">${sig(one.distance)}</td>
       <td>${quantityWord(one.quantity)} <span class="soft">${one.sigmas > 0 ? "+" : ""}${sig(one.sigmas, 2)} σ</span></td></tr>`)}</tbody></table></div>`;
 }
 
@@ -134,7 +138,7 @@ const WORDS = ["adequate", "undecided", "unknown_effect"];
 const MOST_LOTS = 12;
 
 /** How many units of each lot lack which effect, as far as their newest runs were diagnosed with a model. */
-function Lacks({ params }) {
+function Lacks({ params, cut }) {
   const [model, setModel] = useState("");
   const { data, error, again } = useGet(`/fleet/lacks${query({ ...params, limits: "", model })}`);
   if (!data) return error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`;
@@ -145,12 +149,13 @@ function Lacks({ params }) {
   const row = (head, part, name) => html`<tr key=${`${part} ${name}`}><th scope="row">${head}</th><td class="n"><b>${sum(part, name)}</b></td>${shown.map((lot) => html`<td key=${lot.lot} class="n">${lot[part][name] ?? 0}</td>`)}</tr>`;
   return html`<p>${t("fleet.diagnosed", { n: data.units })} ${Object.keys(data.models).length > 1 ? html`<select aria-label=${t("workbench.model.title")} onChange=${(event) => setModel(event.target.value)}>
       ${Object.keys(data.models).map((name) => html`<option key=${name} value=${name} selected=${name === data.model}>${name}</option>`)}</select>` : html`<code>${data.model}</code>`}</p>
-    <div class="scroll" tabindex="0" role="region" aria-label=${t("fleet.lacks")}><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lot}</th>`)}</tr></thead>
+    <div class="scroll" tabindex="0" role="region" aria-label=${t("fleet.lacks")}><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lotName(lot, cut)}</th>`)}</tr></thead>
       <tbody>${effects.map((effect) => row(effectWord(effect), "lacks", effect))}
-        ${WORDS.map((word) => row(t(`workbench.verdict.${word}`), "verdicts", word))}
+        ${WORDS.map((word) => row(outcomeWord(word), "verdicts", word))}
         <tr><th scope="row">${t("fleet.head.units")}</th><td class="n"><b>${data.units}</b></td>${shown.map(({ lot, units }) => html`<td key=${lot} class="n">${units}</td>`)}</tr></tbody></table></div>
+    <p class="soft small">${t("fleet.lacks_note")}</p>
     ${data.lots.length > shown.length && html`<p class="soft small">${t("fleet.more", { n: data.lots.length - shown.length })}</p>`}
-    ${data.in_common.map((one) => html`<p key=${`${one.lot} ${one.effect}`}><${Lamp} tone="warn">${t("fleet.in_common", { lot: one.lot, effect: effectWord(one.effect), n: one.lacking, of: one.units, rest: one.elsewhere, of_rest: one.of_elsewhere, p: one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2) })}<//></p>`)}`;
+    ${data.in_common.map((one) => html`<p key=${`${one.lot} ${one.effect}`}><${Lamp} tone="warn">${t("fleet.in_common", { lot: lotName(one.lot, cut), effect: effectWord(one.effect), n: one.lacking, of: one.units, rest: one.elsewhere, of_rest: one.of_elsewhere, p: one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2) })}<//></p>`)}`;
 }
 
 function Board({ fleet, params }) {
@@ -164,21 +169,30 @@ function Board({ fleet, params }) {
     anchor.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
   };
   return html`<${Attention} fleet=${fleet} /><${Headline} fleet=${fleet} />
-    <section class="stack" aria-labelledby="cap"><h2 id="cap">${t("fleet.capability")}</h2><${Capability} fleet=${fleet} chosen=${chosen} choose=${choose} />
-      <p class="soft small">${t("fleet.cpk_note")}</p></section>
+    <section class="stack" aria-labelledby="cap"><h2 id="cap">${t("fleet.capability")}</h2><${Capability} fleet=${fleet} chosen=${chosen} choose=${choose} /></section>
     <section class="stack" aria-labelledby="failures"><h2 id="failures">${t("fleet.failures")}</h2><${Failures} fleet=${fleet} /></section>
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
-    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} /></section>
+    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${{ ...params, simulated: fleet.simulated ?? params.simulated }} cut=${fleet.choices.cut} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }
 
 /** Choices of the address: limits, and which runs count. */
-const CHOICES = ["limits", "station", "lot", "plan", "since", "until"];
+const CHOICES = ["limits", "station", "lot", "plan", "since", "until", "simulated"];
 
-const NAMED = { limits: (id) => limitsName(id), station: stationName, lot: (lot) => lot, plan: (id) => planTitle({ id, title: id }) };
+const planOf = (id) => planTitle({ id, title: id });
+const NAMED = { limits: (id) => limitsName(id), station: stationName, plan: planOf };
+
+/** Runs that do not count here, and how the simulated ones among them are seen. */
+function LeftOut({ fleet, simulated, choose }) {
+  const reasons = fleet.left_out.map((text) => text.replace(/\((.*); --profile\)/, (_, names) => `(${names.split(", ").map(planOf).join(", ")})`));
+  if (!reasons.length && !simulated) return null;
+  const others = reasons.some((text) => /^\d+ simulated$/.test(text));
+  return html`<p class="soft small">${reasons.length > 0 && html`${t("fleet.left_out")} ${reasons.map((text, i) => html`${i ? ", " : ""}<${Said} key=${text} text=${text} />`)}. `}
+    ${(others || simulated) && html`<button type="button" class="narrow quiet" onClick=${() => choose(simulated ? "" : "true")}>${t(simulated ? "fleet.show_real" : "fleet.show_simulated")}</button>`}</p>`;
+}
 
 /** A choice among names; the first one is all. */
 function Choice({ label, all, names, named, value, onChange }) {
@@ -202,7 +216,7 @@ export default function Fleet({ query: initial }) {
   const build = () => post("/registry").then(again, setTrouble);
   const set = (name) => (value) => setChosen({ ...chosen, [name]: value });
   const all = t("fleet.all");
-  const choice = (name, label, names, otherwise = all) => html`<${Choice} label=${label} all=${otherwise} names=${names ?? []} named=${NAMED[name]} value=${chosen[name]} onChange=${set(name)} />`;
+  const choice = (name, label, names, otherwise = all) => html`<${Choice} label=${label} all=${otherwise} names=${names ?? []} named=${NAMED[name] ?? ((lot) => lotName(lot, fleet.choices.cut))} value=${chosen[name]} onChange=${set(name)} />`;
   const date = (name) => html`<label class="row">${t(`fleet.${name}`)} <input type="date" value=${chosen[name]} onChange=${(event) => set(name)(event.target.value)} /></label>`;
   return html`<div class="page stack">
     <div class="row spread"><h1>${t("fleet.title")}</h1>
@@ -215,6 +229,7 @@ export default function Fleet({ query: initial }) {
       ${choice("limits", t("fleet.limits"), fleet.known_limits, t("fleet.own_limits"))}
       ${choice("station", t("fleet.kind.station"), fleet.choices.stations)} ${choice("lot", t("fleet.kind.lot"), fleet.choices.lots)}
       ${choice("plan", t("fleet.plan"), fleet.choices.plans, t("fleet.most_run"))} ${date("since")} ${date("until")}</div>
+      <${LeftOut} fleet=${fleet} simulated=${chosen.simulated} choose=${set("simulated")} />
       ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(Object.values(params).some(Boolean) ? "units.nothing" : "fleet.empty")}</p>`}`}
   </div>`;
 }

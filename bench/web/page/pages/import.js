@@ -4,7 +4,7 @@ import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, TextField, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { channelWord, duration, number, sig, symbols, t } from "../lib/words.js";
+import { asGiven, channelWord, duration, number, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { useGet } from "./stock/parts.js";
 
@@ -31,7 +31,7 @@ function Drop({ kinds, take, refused }) {
       onDrop=${(event) => { drag(false)(event); given(event.dataTransfer.files); }}>
     ${ARROW}<h2>${t("import.drop")}</h2>
     <p class="soft">${t("import.kinds", { kinds: kinds.endings.join(" "), most: bytes(kinds.most_bytes) })}</p>
-    <input ref=${input} type="file" multiple hidden accept=${[...kinds.endings, ".dbc"].join(",")} onChange=${(event) => given(event.target.files)} aria-label=${t("import.choose")} />
+    <input ref=${input} type="file" multiple hidden accept=${[...kinds.endings, ".dbc"].join(",")} onChange=${(event) => asGiven(event.target.files)} aria-label=${t("import.choose")} />
     <button type="button" class="primary" onClick=${() => input.current.click()}>${t("import.choose")}</button>
     <p class="small soft">${t("import.dbc")}</p>
     <${Trouble} error=${refused} />
@@ -96,8 +96,8 @@ function Channel({ kind, needed, seen, columns, choice, change }) {
       ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
     <td><${TextField} list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column && kind.name !== "time"} onGiven=${(unit) => change({ ...choice, unit: unit.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
-    <td class="n">${seen ? html`${sig(seen.low, 4)} … ${sig(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
-    <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => sig(value, 4)).join(", ") : ""}</td></tr>`;
+    <td class="n">${seen ? html`${asGiven(seen.low, 4)} … ${asGiven(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
+    <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => asGiven(value, 4)).join(", ") : ""}</td></tr>`;
 }
 
 function Understood({ shown, kinds, choice, change, busy }) {
@@ -119,7 +119,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
     ${rest.length > 0 && html`<div class="row soft"><span>${t("import.rest")}</span>${rest.slice(0, MOST_OFFERED).map(({ name }) => (spare ? html`<button key=${name} title=${t("import.use", { column: name, channel: channelWord(spare) })} onClick=${() => change(spare, { column: name, unit: "" })}>+ ${name}</button>` : html`<span key=${name}>${name}</span>`))}
       <span>${rest.slice(MOST_OFFERED).map((one) => one.name).join(", ")}</span></div>`}
-    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} ${symbols("s")}` })}</p>
+    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${asGiven(understood.interval_s, 3)} ${symbols("s")}` })}</p>
       <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}, ${number(one.target_degc, 1)} °C, ${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
       <${Chart} figure=${shown.figure} words=${t("import.picture")} name="import" height=${340} />`}
   </section>`;

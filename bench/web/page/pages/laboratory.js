@@ -5,7 +5,7 @@ import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { stationName } from "../lib/names.js";
-import { t } from "../lib/words.js";
+import { symbols, t } from "../lib/words.js";
 import { Going, useAct } from "./run.js";
 import { Said } from "../lib/said.js";
 
@@ -109,7 +109,7 @@ function Field({ id, label, type, required, value, change }) {
     text: { type, pattern: required ? ".*\\S.*" : undefined },
   };
   return html`<div class="field"><label for=${id}>${label}${required && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
-    ${type === "unit" ? html`<select id=${id} value=${value} onChange=${(event) => change(event.target.value)}>${UNITS.map((unit) => html`<option key=${unit} value=${unit} selected=${unit === value}>${unit || "–"}</option>`)}</select>`
+    ${type === "unit" ? html`<select id=${id} value=${value} onChange=${(event) => change(event.target.value)}>${UNITS.map((unit) => html`<option key=${unit} value=${unit} selected=${unit === value}>${symbols(unit) || "–"}</option>`)}</select>`
       : html`<input id=${id} ...${kinds[type] ?? { type }} required=${required} value=${value} onInput=${(event) => change(type === "number" ? number(event.target.value) : event.target.value)} />`}</div>`;
 }
 

@@ -3,9 +3,10 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
-import { duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
+import { alike } from "./stock/trend.js";
 import { day, Outcome, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
 const RAIL = [-60, 120];
@@ -80,9 +81,9 @@ function Trends({ unit }) {
       <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col" class="broad">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
       <tbody>${unit.trends.map((trend) => html`<tr key=${trend.name} aria-current=${trend.name === chosen ? "true" : undefined}>
         <th scope="row"><button type="button" aria-pressed=${trend.name === chosen} onClick=${() => choose(trend.name)}>${quantityWord(trend.name)}</button></th>
-        <td class="broad"><${Spark} values=${trend.points.map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
+        <td class="broad"><${Spark} values=${alike(trend).map((point) => point.value)} lower=${trend.lower} upper=${trend.upper} /></td>
         <td class="n">${trend.outside ? html`<${Lamp} tone="bad">${sig(trend.last)}<//>` : sig(trend.last)} <span class="soft">${symbols(trend.unit)}</span></td>
-        <td class="n">${[trend.lower !== null && `≥ ${sig(trend.lower)}`, trend.upper !== null && `≤ ${sig(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
+        <td class="n">${[trend.lower !== null && `≥ ${asGiven(trend.lower)}`, trend.upper !== null && `≤ ${asGiven(trend.upper)}`].filter(Boolean).join(", ") || html`<span class="soft">–</span>`}</td>
       </tr>`)}</tbody></table></div>
     <div><h3>${quantityWord(one.name)}</h3>
       <${Trouble} error=${error} retry=${again} />
@@ -105,17 +106,25 @@ function Runs({ unit }) {
     </tr>`)}</tbody></table></div>`;
 }
 
+/** The error that a calibration leaves, the last of `points`, and its change since the first of them. */
+function Left({ trend, points }) {
+  const last = points[points.length - 1];
+  const change = last.value - points[0].value;
+  const outside = (trend.upper !== null && last.value > trend.upper) || (trend.lower !== null && last.value < trend.lower);
+  const since = points.length < 2 ? t("units.tile.first") : t("units.tile.change", { change: `${change > 0 ? "+" : ""}${sig(change, 2)} ${symbols(trend.unit)}` });
+  return html`<${Tile} what=${quantityWord(trend.name)} value=${sig(last.value)} unit=${symbols(trend.unit)} tone=${outside ? "bad" : undefined} more=${`${runTitle(last.run)}; ${since}`} />`;
+}
+
 function Summary({ unit }) {
   const counts = unit.calibrations.find((one) => one.status === "in_unit") ?? unit.calibrations.find((one) => one.usable);
   const error = unit.trends.find((trend) => trend.name === "residual_rms_dph");
   const last = unit.runs[0];
-  const change = error && (error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${symbols(error.unit)}` }));
+  const same = error && (!counts || error.points.some(({ run }) => run === counts.run)) && alike(error, counts?.run);
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
       more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
     <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runTitle(counts.run)].filter(Boolean).join("; ")} />
-    ${error && html`<${Tile} what=${quantityWord("residual_rms_dph")} value=${sig(error.last)} unit=${symbols(error.unit)} tone=${error.outside ? "bad" : undefined}
-      more=${`${runTitle(error.points[error.points.length - 1].run)}; ${change}`} />`}
+    ${same && html`<${Left} trend=${error} points=${same} />`}
     <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;
 }

@@ -4,7 +4,8 @@ import { post, query } from "../lib/api.js";
 import { Busy, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { moment, t } from "../lib/words.js";
+import { effectWord, moment, t } from "../lib/words.js";
+import { stationName } from "../lib/names.js";
 import { day, NoRegistry, useGet, Verdict } from "./stock/parts.js";
 
 const STANDINGS = ["pass", "fail", "unjudged", "uncalibrated"];
@@ -36,9 +37,9 @@ function Line({ one }) {
     <td class="n broad">${one.runs}</td>
     <td class="n broad">${one.calibrations}</td>
     <td class="broad">${day(one.calibrated)}</td>
-    <td class="wide">${one.model ?? "–"}</td>
+    <td class="wide">${one.model ? effectWord(one.model) : "–"}</td>
     <td class="whole">${moment(one.last)}</td>
-    <td class="wide">${one.station ?? "–"}</td>
+    <td class="wide" title=${one.station}>${stationName(one.station) ?? "–"}</td>
     <td class="wide">${one.certificate ?? html`<span class="soft">–</span>`}</td>
   </tr>`;
 }

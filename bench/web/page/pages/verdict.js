@@ -5,10 +5,10 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { moment, number, quantityWord, symbols, t } from "../lib/words.js";
+import { asGiven, moment, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
-import { judged, margin, toneOf, worst } from "./verdict/judged.js";
+import { judged, margin, outcomeWord, toneOf, worst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
 
 const LOOK_MS = 2000;
@@ -49,7 +49,7 @@ export default function Verdict({ params }) {
     if (run?.job && end && !end.analysing && !end.units?.some(({ analysed }) => analysed)) navigate(`/calibrations/${run.job}`, { replace: true }); // its calibration judges it
     if (run?.profile === "lot") navigate(`/runs/${params.unit}/${params.run}`, { replace: true }); // made of other runs: nothing was measured
   }, [run, end]);
-  const units = end?.units?.length ? end.units : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
+  const units = end?.units?.length ? inOrder(end.units) : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const word = worst(words);
   const shown = units[words.indexOf(word)];
@@ -58,20 +58,27 @@ export default function Verdict({ params }) {
   if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
+  const kind = answer?.manifest?.purpose === "verification" ? "verification" : "";
+  const twice = kind && answer.limits?.results?.some(({ name, value }) => name === "residual_rms_dph" && value !== null); // its sentence says it again
+  const n = words.filter((one) => one === word).length;
+  const some = n < units.length && html`<b>${t("verdict.of_units", { n, of: units.length })}</b> `;
   return html`<article class=${`verdict tone-${toneOf(word)}`}>
     <${Word} word=${word} />
     <div class="verdict-about">
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}${run?.started && html` · <time datetime=${run.started}>${moment(run.started)}</time>`}</p>
-      <p class="verdict-sentence">${t(`verdict.${word}.sentence`)}</p>
+      <p class="verdict-sentence">${some}${t(`verdict.${word}.sentence`, { n })}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
-      ${answer?.limits && html`<${Reasons} limits=${answer.limits} of=${units.length > 1 && shown.unit} />`}
+      ${answer?.limits && html`<${Reasons} limits=${answer.limits} kind=${kind} of=${units.length > 1 && shown.unit} />`}
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
-      ${fault ? html`<${Fault} end=${end} />` : units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
-      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${t(next(word, end, answer))}</p></section>
+      ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
+      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${some}${t(next(word, end, answer), { n })}</p></section>
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
     </div>
   </article>`;
 }
+
+/** Units by serial number, whichever of their runs the address names. */
+const inOrder = (units) => [...units].sort((one, other) => one.unit.localeCompare(other.unit, undefined, { numeric: true }));
 
 /** The next step; with an unverified safe state, go to the chamber first. */
 const next = (word, end, answer) => {
@@ -130,24 +137,24 @@ function Achieved({ run }) {
 }
 
 /** Refusals, and every quantity beside its limits with what is left to the nearest of them; `of`: whose, where there are several units. */
-function Reasons({ limits, of }) {
+function Reasons({ limits, kind, of }) {
   const head = ["quantity", "value", "limits", "margin", "verdict"];
   return html`<div class="verdict-reasons">
     ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
       <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span><${Said} text=${text} /></span></li>`)}</ul>`}
     ${!limits.results?.length && limits.decision_rule && html`<p class="soft"><${Said} text=${limits.decision_rule} /></p>`}
     ${limits.results?.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
-      <tbody>${limits.results.map((result) => html`<${Judged} key=${result.name} result=${result} />`)}</tbody></table></div>`}
+      <tbody>${limits.results.map((result) => html`<${Judged} key=${result.name} result=${result} kind=${kind} />`)}</tbody></table></div>`}
   </div>`;
 }
 
-function Judged({ result }) {
+function Judged({ result, kind }) {
   const { name, value, low, high, unit, lower, upper, reason, verdict } = result;
-  const [tone, left] = [toneOf((verdict ?? "").toLowerCase()), margin(result)];
-  const sides = [lower !== null && `≥\u00a0${number(lower)}`, upper !== null && `≤\u00a0${number(upper)}`].filter(Boolean).join(", ");
-  return html`<tr><th scope="row">${quantityWord(name)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
-    <td class="n figures">${number(value)}\u00a0<small>${symbols(unit)}</small>${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : number(low)} … ${high === null ? "∞" : number(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : number(left)}</td>
-    <td>${verdict ? html`<${Lamp} tone=${tone}>${t(`verdict.${verdict.toLowerCase()}`)}<//>` : "–"}</td></tr>`;
+  const [tone, left] = [toneOf(verdict), margin(result)];
+  const sides = [lower !== null && `≥\u00a0${asGiven(lower)}`, upper !== null && `≤\u00a0${asGiven(upper)}`].filter(Boolean).join(", ");
+  return html`<tr><th scope="row">${quantityWord(name, kind)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
+    <td class="n figures">${sig(value)}\u00a0<small>${symbols(unit)}</small>${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : sig(low)} … ${high === null ? "∞" : sig(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : sig(left)}</td>
+    <td>${verdict ? html`<${Lamp} tone=${tone}>${outcomeWord(verdict)}<//>` : "–"}</td></tr>`;
 }
 
 /** What happened and what the bench did, from the run's events. */
@@ -176,7 +183,7 @@ function Ways({ units, run, reported }) {
   const one = units[0];
   const written = one.analysed && one.run;
   return html`<div class="verdict-ways">
-    ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit")}</a>`}
+    ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit", { n: units.length })}</a>`}
     ${may("operator") && run?.runs && !run.job && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
     ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>

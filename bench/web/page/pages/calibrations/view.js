@@ -111,7 +111,7 @@ function Ended({ job }) {
     <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${job.sentence} /></p></section>
   <div class="verdict-ways">
     ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
-    ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit")}</a>`}
+    ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a>`}
     ${may("operator") && again && html`<a class="button" href=${again}>${t("verdict.repeat")}</a>`}
     <a class="button" href=${`/units/${encodeURIComponent(job.unit)}`}>${t("verdict.unit")}</a>
   </div>`;
@@ -155,5 +155,5 @@ function Stopped({ job }) {
     ${may("operator") && html`<div class="verdict-ways">
       ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}</button>`}
       ${papers && html`<a class="button" href=${`/laboratory?station=${encodeURIComponent(job.start.station)}`}>${t("papers.title")}</a>`}
-      <a class="button" href="/">${t("verdict.next_unit")}</a></div>`}`;
+      <a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a></div>`}`;
 }

@@ -1,15 +1,14 @@
 // State of a calibration and of its steps in words and tones.
 import { timesFloor } from "../../lib/floor.js";
 import { duration, number, or, t } from "../../lib/words.js";
+import { outcomeWord, toneOf as verdictTone } from "../verdict/judged.js";
 
 const TONES = { waiting: "idle", running: "link", interrupted: "bad", held: "warn", failed: "bad" };
-const VERDICTS = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn" };
 const STEPS = { open: "idle", begun: "link", done: "good", skipped: "idle", failed: "bad", void: "idle" };
 
 export const planOf = (plan) => or(`calibration.${plan}`, plan.replaceAll("_", " "));
-export const verdictTone = (verdict) => VERDICTS[verdict] ?? "idle";
 export const toneOf = ({ state, verdict }) => (state === "ended" ? verdictTone(verdict) : TONES[state]);
-export const stateWord = ({ state, verdict }) => (state === "ended" ? or(`verdict.${verdict?.toLowerCase()}`, verdict) : t(`job.state.${state}`));
+export const stateWord = ({ state, verdict }) => (state === "ended" ? outcomeWord(verdict) : t(`job.state.${state}`));
 
 /** Whether the plan had no such step: it was passed over. */
 export const passedOver = (step) => step.cases.some(({ name, skipped }) => skipped && name === step.name);
@@ -31,8 +30,8 @@ const SAID = {
   static: ({ duration_s }) => t("step.said.static", { time: duration(duration_s) }),
   run: ({ rows, duration_s, lost }) => t("step.said.run", { rows, time: duration(duration_s), lost }),
   fit: ({ findings, limits, model, held_out_rms_dph }) => (findings ? t("step.said.fit_imu", { findings: findings.length })
-    : t("step.said.fit", { verdict: t(`units.word.${limits}`), model, rms: dph(held_out_rms_dph) })),
-  diagnose: ({ doubts }) => (doubts.length ? t("step.said.doubts", { doubts: doubts.map(({ kind }) => or(`step.doubt.${kind}`, or(`units.word.${kind}`, kind))).join(", ") }) : t("step.said.diagnose")),
+    : t("step.said.fit", { verdict: outcomeWord(limits), model, rms: dph(held_out_rms_dph) })),
+  diagnose: ({ doubts }) => (doubts.length ? t("step.said.doubts", { doubts: doubts.map(({ kind }) => or(`step.doubt.${kind}`, outcomeWord(kind))).join(", ") }) : t("step.said.diagnose")),
   flash: ({ calibration_id }) => t("step.said.flash", { id: calibration_id }),
   verify: ({ worst, rms_dph, over_floor }, verdict) => [
     worst ? t("step.said.verify_imu", { verdict, axis: worst }) : t("step.said.verify", { verdict, rms: dph(rms_dph) }),
@@ -44,5 +43,5 @@ const SAID = {
 /** What a step found, made of its facts; empty where it is not done, or an older bench did it and kept fewer of them. */
 export function said({ name, state, facts, verdict }) {
   if (state !== "done" || (["static", "run"].includes(name) && facts.duration_s === undefined)) return "";
-  return SAID[name](facts, verdict ? t(`units.word.${verdict}`) : "");
+  return SAID[name](facts, verdict ? outcomeWord(verdict) : "");
 }

@@ -43,7 +43,7 @@ function PlanCard({ plan, choose }) {
   return html`<button type="button" class="plan" onClick=${choose}>
     <strong>${planTitle(plan)}</strong>
     <${Curve} curve=${plan.curve} />
-    <span class="facts figures"><b>${duration(plan.nominal_s)}</b><span>${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</span></span>
+    <span class="facts figures"><b>${t("plan.takes", { time: duration(plan.nominal_s) })}</b><span>${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</span></span>
     <span class="purpose soft"><${Said} text=${planPurpose(plan)} /></span>
   </button>`;
 }

@@ -92,7 +92,8 @@ function Facts({ plan, result, station, units }) {
   return html`<dl class="ready-facts">
     <div><dt>${t("ready.unit", { n: units.length })}</dt><dd class="mono">${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(serialOf).join(", ")}</dd></div>
     <div><dt>${t("ready.plan")}</dt><dd>${planTitle(plan)}</dd></div>
-    <div><dt>${t("ready.takes")}</dt><dd class="figures">${duration(time_s)}</dd><dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
+    <div><dt>${t("ready.takes")}</dt><dd class="figures">${duration(time_s)}</dd>
+      ${duration(time_s) !== duration(plan.nominal_s) && html`<dd class="more">${t("ready.nominal", { time: duration(plan.nominal_s) })}</dd>`}<dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
     <div><dt>${t("ready.range")}</dt><dd class="figures">${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</dd></div>
   </dl>`;
 }
@@ -117,5 +118,5 @@ function Checked({ result, error, again }) {
 
 /** Findings of a check; `lines`: each with its line of the file where it names one. */
 export const Findings = ({ findings, lines = false }) => findings.length > 0 && html`<ul class="findings">
-  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${lines && line ? `${line}: ` : ""}<${Said} text=${text} /></span></li>`)}
+  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${lines && line ? `${line}: ` : ""}<${Said} text=${text} whole /></span></li>`)}
 </ul>`;

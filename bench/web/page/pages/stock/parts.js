@@ -3,6 +3,7 @@ import { html, useEffect, useState } from "../../lib/preact.js";
 import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
 import { language, or, t } from "../../lib/words.js";
+import { outcomeWord, toneOf } from "../verdict/judged.js";
 
 const AGAIN_MS = 5000;
 
@@ -39,11 +40,10 @@ export function day(iso) {
   return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium" }).format(date);
 }
 
-const TONES = { PASS: "good", MARGINAL: "warn", FAIL: "bad", INVALID: "warn", adequate: "good", pass: "good", fail: "bad" };
-const STATES = { done: "good", running: "link", aborted: "warn", failed: "bad" };
+const STATES = { done: "good", running: "link", aborted: toneOf("aborted"), failed: "bad" };
 
 /** A verdict or a status in colour, shape and word. */
-export const Verdict = ({ word }) => word && html`<${Lamp} tone=${TONES[word] ?? "idle"}>${or(`units.word.${word}`, word)}<//>`;
+export const Verdict = ({ word }) => word && html`<${Lamp} tone=${toneOf(word)}>${outcomeWord(word)}<//>`;
 
 /** Result of a run: its verdict against limits, else that of the analysis, else its state. */
 export function Outcome({ run }) {
@@ -72,7 +72,7 @@ export function Spark({ values, lower, upper }) {
 
 /** One number on a card: name, value and meaning. */
 export const Tile = ({ what, value, unit, more, tone }) => html`<div class=${`st-tile ${tone ? `tone-${tone}` : ""}`}>
-  <span class="what">${what}</span><b>${value} ${unit && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
+  <span class="what">${what}</span><b>${value} ${unit && value !== "–" && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
 </div>`;
 
 /** Shown without a registry: an explanation, and a button for users who may create one. */

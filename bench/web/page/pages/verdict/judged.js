@@ -1,6 +1,8 @@
 // One word for the end of a run for a unit: equipment and operator first, then the limits, then the analysis.
 
-/** Worst first; the tone of each. */
+import { or } from "../../lib/words.js";
+
+/** Worst first; the tone of each, on every page. */
 const WORDS = {
   equipment_failed: "bad", fail: "bad", invalid: "warn", aborted: "idle", partial: "bad", no_data: "bad",
   not_analysed: "warn", unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
@@ -24,7 +26,10 @@ export function margin({ value, lower, upper }) {
   return value === null || !left.length ? null : Math.min(...left);
 }
 
-export const toneOf = (word) => WORDS[word] ?? "idle";
+export const toneOf = (word) => WORDS[word?.toLowerCase()] ?? "idle";
+
+/** An outcome (PASS, missing_effect) in a few words. */
+export const outcomeWord = (word) => or(`units.word.${word?.toLowerCase()}`, word);
 
 /** The worst of several words. */
 export const worst = (words) => Object.keys(WORDS).find((word) => words.includes(word)) ?? "measured";

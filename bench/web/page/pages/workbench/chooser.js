@@ -3,6 +3,7 @@ import { html, t, or, api, moment, useEffect, useRef, useState } from "./parts.j
 import { Said } from "../../lib/said.js";
 import { dayIn } from "../../lib/days.js";
 import { timesFloor } from "../../lib/floor.js";
+import { outcomeWord } from "../verdict/judged.js";
 import { planName } from "../../lib/names.js";
 
 const ROW_PX = 52;
@@ -13,7 +14,7 @@ const PAUSE_MS = 70;
 /** What the server calls the plans, verdicts and states of its runs, each with what the reader sees; of an import the first word. */
 const namesOf = ({ profiles, verdicts, states }) => [
   ...profiles.map((profile) => [profile.split(" ")[0], planName({ profile })]),
-  ...verdicts.map((verdict) => [verdict, or(`units.word.${verdict}`, verdict)]),
+  ...verdicts.map((verdict) => [verdict, outcomeWord(verdict)]),
   ...states.map((state) => [state, or(`units.state.${state}`, state)]),
 ];
 
@@ -62,7 +63,7 @@ function Row({ row, index, active, count, taken, onChoose }) {
     <span class="wb-row-unit">${taken ? "✓ " : ""}${row.unit}</span>
     <span class="wb-row-name">${planName(row)}</span>
     <span class="wb-row-day">${row.start ? moment(row.start) : ""}</span>
-    <span class="wb-row-state">${row.verdict ? or(`units.word.${row.verdict}`, row.verdict) : or(`units.state.${row.state}`, row.state)}</span>
+    <span class="wb-row-state">${row.verdict ? outcomeWord(row.verdict) : or(`units.state.${row.state}`, row.state)}</span>
     <span class="wb-row-error">${judged ? timesFloor(row.held_out_rms_dph, row.floor_dph) : ""}</span>
   </div>`;
 }

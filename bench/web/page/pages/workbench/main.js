@@ -49,8 +49,15 @@ function BySegment({ segments }) {
       <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
 }
 
-/** Errors of the model: numbers, ladder, undo. */
-function Standing({ session, analysis, floor }) {
+/** A message that begins with the folder of a run: without it, or with its title where there are several. */
+function ofRuns(message, { runs }) {
+  const run = runs.find((one) => message.startsWith(`${one.split("/").pop()}: `));
+  const text = run && message.slice(run.split("/").pop().length + 2);
+  return !run ? message : runs.length > 1 ? `${runTitle(run)}: ${text}` : text;
+}
+
+/** Errors of the model: numbers, ladder, undo; `whole`: the run whose unit is calibrated as a whole. */
+function Standing({ session, analysis, floor, whole }) {
   const { steps, runs, act, undone } = session;
   const [, redraw] = useState(0);
   useEffect(() => {
@@ -63,7 +70,7 @@ function Standing({ session, analysis, floor }) {
       ${(steps.length > 1 || undone > 0) && html`<span class="row">
         <button type="button" class="narrow" disabled=${steps.length < 2} aria-keyshortcuts="Control+Z" onClick=${() => act({ type: "undo" })}>↶ ${t("workbench.model.undo")}</button>
         <button type="button" class="narrow" disabled=${!undone} aria-keyshortcuts="Control+Shift+Z" onClick=${() => act({ type: "redo" })}>↷ ${t("workbench.model.redo")}</button></span>`}</div>
-    ${analysis.failed && html`<p class="wb-bad" role="alert"><${Said} text=${analysis.failed} /></p>`}
+    ${analysis.failed && html`<p class="wb-bad" role="alert"><${Said} text=${ofRuns(analysis.failed, runs)} whole />${whole && html` <a href=${`/runs/${whole}`}>${t("workbench.whole")}</a>`}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
       <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runTitle).join(", ")}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
@@ -92,7 +99,7 @@ function useUndoKeys(act) {
 }
 
 /** `turned`: whether a rate table may have turned the unit; the model to begin with then gets a scale factor. */
-function Bench({ session, models, turned }) {
+function Bench({ session, models, turned, whole }) {
   const { runs, model, steps, act } = session;
   useUndoKeys(act);
   const turning = turned && same(model, START_MODEL);
@@ -110,6 +117,7 @@ function Bench({ session, models, turned }) {
   const [standing, pictures] = [useRef(null), useRef(null)];
   // What is wrong with a model is told beside its errors, and not again by the diagnosis and the figure.
   const once = (failed) => (failed === analysis.failed ? "" : failed);
+  const untold = analysis.failed && !found && !once(diagnosis.failed) && !diagnosis.running;
   useEffect(() => analysis.failed && show(standing), [analysis.failed]);
   const picked = pictureOf(found, session.picture);
   const add = (missing) => {
@@ -122,12 +130,12 @@ function Bench({ session, models, turned }) {
   };
   return html`<div class="wb-bench">
     <div class="wb-side">
-      <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} /></div>
-      <section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
+      <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} whole=${whole} /></div>
+      ${!untold && html`<section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
         <${Suspects} found=${found} failed=${once(diagnosis.failed)} waiting=${open ? analysis : diagnosis} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
         ${!pictured.result && html`<${Waiting} job=${pictured}>${t("workbench.diagnosis.drawing")}<//>`}
         ${pictured.failed && html`<p class="wb-bad" role="alert"><${Said} text=${pictured.failed} /></p>`}
-      </section>
+      </section>`}
       <${NextExperiment} next=${found?.next_experiment} unit=${unitOf(runs.runs[0])} />
       <${ModelPanel} models=${models} model=${model} fitted=${analysis.result?.models[0]} steps=${steps} busy=${analysis.running} act=${act} runs=${runs} />
       <${Notes} key=${runs.runs[0]} run=${runs.runs[0]} address=${session.address} />
@@ -200,7 +208,7 @@ export function Page({ query = {} }) {
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
-    ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
+    ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} whole=${outputs.length > 0 && first.calibration ? chosen[0].run : null} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }
 

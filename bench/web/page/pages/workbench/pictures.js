@@ -185,7 +185,7 @@ export function Pictures({ session, picked, once }) {
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${once(job.failed) && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
       ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
-      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <${Said} text=${answer.note} /></p>`}
+      ${answer?.note && html`<p class="wb-warn" role="alert">${once(answer.note) ? html`${t("workbench.figure.bare")} <${Said} text=${answer.note} />` : t("workbench.figure.bare_only")}</p>`}
       ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}
       <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
         name=${`${of} ${model.name} ${shown}`} />

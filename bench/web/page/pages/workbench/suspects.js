@@ -3,15 +3,9 @@ import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { between, effectWord, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
+import { outcomeWord, toneOf } from "../verdict/judged.js";
 
 const SHOWN = 4;
-const TONES = { adequate: "good", missing_effect: "warn", unknown_effect: "bad", undecided: "warn" };
-const VERDICTS = () => ({
-  adequate: t("workbench.verdict.adequate"),
-  missing_effect: t("workbench.verdict.missing_effect"),
-  unknown_effect: t("workbench.verdict.unknown_effect"),
-  undecided: t("workbench.verdict.undecided"),
-});
 
 /** Evidence as a bar with a mark at the threshold. */
 function Evidence({ value, threshold, most, found }) {
@@ -39,10 +33,13 @@ function Parameters({ parameters }) {
   </div>`)}</dl>`;
 }
 
+/** What the errors of a diagnosis are on: they are not those of the comparison. */
+const seenOn = ({ held_out_by }) => t(held_out_by === "check" ? "workbench.suspect.on_check" : "workbench.suspect.on_blocks");
+
 /** Change of the error on unseen data when it is added. */
-function Gain({ suspect }) {
+function Gain({ suspect, found }) {
   if (suspect.held_out_rms_dph === null) return suspect.reason ? html`<p class="wb-soft"><${Said} text=${suspect.reason} /></p>` : null;
-  return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}${
+  return html`<p><b>${number(suspect.held_out_before_dph)} → ${number(suspect.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}${
     suspect.removes === null ? "" : `, ${t("workbench.suspect.removes", { percent: Math.round(100 * suspect.removes) })}`}</p>`;
 }
 
@@ -59,7 +56,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
         aria-label=${t("workbench.suspect.add_named", { effect: name })}>${t("workbench.suspect.add")}</button>
     </div>
     <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} found=${suspect.found} />
-    ${whole && html`<${Gain} suspect=${suspect} />
+    ${whole && html`<${Gain} suspect=${suspect} found=${found} />
       <${Parameters} parameters=${suspect.parameters} />
       <p class="wb-soft">${or(`workbench.summary.${suspect.effect}`, suspect.summary)}</p>`}
     ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: suspect.look_alikes.map(effectWord).join(", ") })}</p>`}
@@ -70,7 +67,8 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
 export const leads = ({ verdict, formulas }) => verdict === "unknown_effect" && formulas?.length > 0;
 
 /** Formulas for what the catalogue does not hold. */
-function Formulas({ formulas, lead, busy, picked, onAdd, onPicture }) {
+function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
+  const { formulas } = found;
   if (!formulas?.length) return null;
   return html`<h3>${t("workbench.formula.title")}</h3><ol class="wb-suspects">${formulas.slice(0, SHOWN).map((one, i) => html`<li key=${one.formula} class=${`wb-suspect ${i ? "" : "wb-found"}`}>
     <div class="wb-suspect-head"><h4><code>${one.formula}</code></h4>
@@ -81,7 +79,7 @@ function Formulas({ formulas, lead, busy, picked, onAdd, onPicture }) {
       <button type="button" class=${lead && !i ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(one)}
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
-      <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${t("workbench.suspect.unseen")}</p>
+      <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}</p>
     ${one.beside.length > 0 && html`<p>${t("workbench.formula.beside", { effects: one.beside.map(effectWord).join(", ") })}</p>`}
     <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
     ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${text}</code></p>`)}
@@ -140,12 +138,12 @@ export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPictur
   const lead = leads(found);
   const shown = all ? found.suspects : found.suspects.slice(0, Math.max(SHOWN, found.suspects.filter((s) => s.found).length));
   return html`<div class="wb-diagnosis">
-    <div class=${`wb-verdict wb-${TONES[found.verdict] ?? "warn"}`} role="status">
-      <p class="wb-word">${VERDICTS()[found.verdict] ?? found.verdict}</p>
+    <div class=${`wb-verdict wb-${toneOf(found.verdict)}`} role="status">
+      <p class="wb-word">${outcomeWord(found.verdict)}</p>
       <p>${first}</p>
       ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(" ")}</p></details>`}
     </div>
-    <${Formulas} formulas=${found.formulas} lead=${lead} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
+    <${Formulas} found=${found} lead=${lead} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
     <ol class="wb-suspects">${shown.map((suspect, i) => html`<${Suspect} key=${suspect.effect} ...${{ suspect, found, most, busy, onAdd, onPicture }}
       first=${i === 0 && suspect.found && !lead} picked=${picked === suspect.effect} />`)}</ol>
