@@ -274,6 +274,22 @@ def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() ->
     assert spoken("pages/calibrations/words.js", "said", older) == ["", ""]
 
 
+def test_lists_and_clauses_of_a_chinese_text_have_its_own_signs() -> None:
+    parameters = {name: {"value": 12.0, "std": 1.0, "unit": "s"} for name in ("tau_s", "delay_s")}
+    proof = {"by": "check", "before_dph": 2.0, "after_dph": 1.0}
+    suspect = {"found": True, "proved": True, "proof": proof, "parameters": parameters}
+    suspects = [{**suspect, "effect": one, "look_alikes": ["creep", "aging"]} for one in ("thermal_lag", "warm_up")]
+    found = {"verdict": "missing_effect", "suspects": suspects, "unexplained": [], "rms_dph": 1.0, "floor_dph": 0.5}
+    (chinese,), (english,) = (spoken("pages/workbench/sentence.js", "sentences", [found], one) for one in ("zh", "en"))
+    assert not re.search("[,;:()]", "".join(chinese)), chinese
+    values = "（时间常数 12.0 ± 1.0 s，延迟 12.0 ± 1.0 s）"
+    assert chinese[0] == f"缺少：热滞后{values}、预热{values}。"
+    assert "Thermal lag from Creep, Aging." in english[2]
+    assert spoken("lib/spoken.js", "labelled", ["bias, residual [deg/h]"]) == ["零偏，残差 [°/h]"]
+    step = {"name": "verify", "state": "done", "facts": {"rms_dph": 0.2, "over_floor": 1.5}, "verdict": "PASS"}
+    assert not re.search("[,;()]", *spoken("pages/calibrations/words.js", "said", [step]))
+
+
 def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> None:
     names = {standing.guard.name for standing in load_station(None).standing_guards()}
     assert len(names) > 5

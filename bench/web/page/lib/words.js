@@ -80,6 +80,15 @@ export const quantityWord = (name) => or(`units.q.${name}`, name.replaceAll("_",
 export const symbols = (unit) =>
   unit === "1" ? "" : or(`symbol.${unit}`, (unit ?? "").replace(/sqrt\((\w+)\)/g, "√$1").replace(/\^([2-5])/g, (_, power) => "²³⁴⁵"[power - 2]).replace(/[A-Za-z]+/g, (one) => or(`symbol.${one}`, one)));
 
+/** Signs that stand between parts of a text where they are not those of English: wide ones have their space in them. */
+const SIGNS = { zh: { ", ": "，", "; ": "；", ": ": "：", " (": "（", ")": "）", " ": "", " %": "%" } };
+
+/** A sign between parts of a text (`, ` `; ` `: ` …) as the language writes it. */
+export const sign = (mark) => SIGNS[language.get()]?.[mark] ?? mark;
+
+/** A list in one line: A, B, C. */
+export const joined = (parts) => new Intl.ListFormat(language.get(), { style: "narrow" }).format(parts);
+
 const formatters = new Map();
 
 /** A number format of the language in use, made once: a live page writes hundreds of numbers per second. */
@@ -107,7 +116,7 @@ export function sig(value, digits = 3) {
   const far = power < -4 || power >= 6;
   const format = { maximumSignificantDigits: digits, minimumSignificantDigits: size ? Math.min(2, digits) : 1 };
   const text = formatter(format).format(far ? value / 10 ** power : value).replace(/^-/, "−");
-  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
+  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (one) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(one)])}` : text;
 }
 
 /** A temperature with its unit. */

@@ -4,7 +4,7 @@ import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, TextField, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { channelWord, duration, number, sig, symbols, t } from "../lib/words.js";
+import { channelWord, duration, number, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { useGet } from "./stock/parts.js";
 
@@ -42,7 +42,7 @@ function Drop({ kinds, take, refused }) {
 function Waiting({ kinds, goOn, giveUp }) {
   if (!kinds.waiting.length) return null;
   return html`<section class="panel stack" aria-labelledby="waiting"><h2 id="waiting">${t("import.waiting", { n: kinds.waiting.length, most: String(kinds.most_waiting) })}</h2>
-    <ul class="findings">${kinds.waiting.map((one) => html`<li key=${one.import} class="row spread"><span><b>${one.file}</b> <span class="soft">${bytes(one.bytes)}, ${t("import.expires", { left: duration(one.left_s) })}</span></span>
+    <ul class="findings">${kinds.waiting.map((one) => html`<li key=${one.import} class="row spread"><span><b>${one.file}</b> <span class="soft">${bytes(one.bytes)}${sign(", ")}${t("import.expires", { left: duration(one.left_s) })}</span></span>
       <span class="row"><button type="button" class="narrow" onClick=${() => goOn(one)}>${t("import.go_on")}<span class="unseen"> ${one.file}</span></button>
       <button type="button" class="narrow" onClick=${() => giveUp(one.import)}>${t("import.give_up")}<span class="unseen"> ${one.file}</span></button></span></li>`)}</ul></section>`;
 }
@@ -120,7 +120,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
     ${rest.length > 0 && html`<div class="row soft"><span>${t("import.rest")}</span>${rest.slice(0, MOST_OFFERED).map(({ name }) => (spare ? html`<button key=${name} title=${t("import.use", { column: name, channel: channelWord(spare) })} onClick=${() => change(spare, { column: name, unit: "" })}>+ ${name}</button>` : html`<span key=${name}>${name}</span>`))}
       <span>${rest.slice(MOST_OFFERED).map((one) => one.name).join(", ")}</span></div>`}
     ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${sig(understood.interval_s)} ${symbols("s")}` })}</p>
-      <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}, ${number(one.target_degc, 1)} °C, ${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
+      <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}${sign(", ")}${number(one.target_degc, 1)} °C${sign(", ")}${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
       <${Chart} figure=${shown.figure} words=${t("import.picture")} name="import" height=${340} />`}
   </section>`;
 }

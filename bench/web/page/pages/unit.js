@@ -3,7 +3,7 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
-import { duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { duration, effectWord, moment, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { day, Outcome, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
@@ -57,11 +57,11 @@ function Memory({ unit }) {
   const held = unit.memory;
   const failed = unit.writes[0]?.state === "failed" ? unit.writes[0] : null;
   return html`<section class="panel stack" aria-labelledby="memory"><h2 id="memory">${t("units.memory")}</h2>
-    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })} <${Said} text=${failed.error} /></p></div>`}
+    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })}${sign(" ")}<${Said} text=${failed.error} /></p></div>`}
     ${!held && html`<p>${t("units.memory.none")}</p>`}
     ${held && html`<dl class="st-facts">
       <dt>${t("units.memory.id")}</dt><dd class="mono">${held.calibration_id}</dd>
-      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, <${Said} text=${held.operator ?? "–"} /></dd>
+      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}${sign(", ")}<${Said} text=${held.operator ?? "–"} /></dd>
       <dt>${t("units.memory.of")}</dt><dd>${held.run ?? "–"}</dd>
       <dt>${t("units.memory.place")}</dt><dd>${t("units.memory.bank", { bank: held.bank, set: held.coefficient_set, words: held.words })}</dd>
       <dt>CRC</dt><dd class="mono">${held.crc}</dd>
@@ -97,7 +97,7 @@ function Runs({ unit }) {
     <tbody>${unit.runs.map((run) => html`<tr key=${run.run}>
       <th scope="row">${moment(run.created)}</th>
       <td>${t(`units.kind.${run.kind}`)}</td>
-      <td>${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
+      <td>${planName(run)}${run.simulated && html`<span class="small soft">${sign(" (")}${t("units.simulated")}${sign(")")}</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide" title=${run.station}>${stationName(run.station) ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
       <td><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
@@ -112,10 +112,10 @@ function Summary({ unit }) {
   const change = error && (error.change === null ? t("units.tile.first") : t("units.tile.change", { change: `${error.change > 0 ? "+" : ""}${sig(error.change, 2)} ${symbols(error.unit)}` }));
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
-      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
-    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runTitle(counts.run)].filter(Boolean).join("; ")} />
+      more=${counts ? `${t(`units.status.${counts.status}`)}${sign(", ")}${age(counts.age_days)}${sign("; ")}${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
+    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runTitle(counts.run)].filter(Boolean).join(sign("; "))} />
     ${error && html`<${Tile} what=${quantityWord("residual_rms_dph")} value=${sig(error.last)} unit=${symbols(error.unit)} tone=${error.outside ? "bad" : undefined}
-      more=${`${runTitle(error.points[error.points.length - 1].run)}; ${change}`} />`}
+      more=${`${runTitle(error.points[error.points.length - 1].run)}${sign("; ")}${change}`} />`}
     <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;
 }

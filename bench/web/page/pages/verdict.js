@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { moment, number, quantityWord, symbols, t } from "../lib/words.js";
+import { joined, moment, number, quantityWord, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, toneOf, worst } from "./verdict/judged.js";
@@ -122,7 +122,7 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
 /** What was passed: the limits by name, the steps that are done, and those that are missing before the unit goes on. */
 function Achieved({ run }) {
   const { done, missing } = achieved(run);
-  const named = (steps) => steps.map((step) => t(`verdict.step.${step}`)).join(", ");
+  const named = (steps) => joined(steps.map((step) => t(`verdict.step.${step}`)));
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
     ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${run.limits?.name ? t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) }) : t("verdict.done_by_rule", { steps: named(done) })}</span></li>`}
     ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}

@@ -4,7 +4,7 @@ import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { symbols } from "../../lib/words.js";
+import { sign, symbols } from "../../lib/words.js";
 import { caption, spoken } from "../../lib/spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { Said } from "../../lib/said.js";
@@ -185,7 +185,7 @@ export function Pictures({ session, picked, once }) {
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${once(job.failed) && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
       ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
-      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")} <${Said} text=${answer.note} /></p>`}
+      ${answer?.note && html`<p class="wb-warn" role="alert">${t("workbench.figure.bare")}${sign(" ")}<${Said} text=${answer.note} /></p>`}
       ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}
       <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
         name=${`${of} ${model.name} ${shown}`} />
