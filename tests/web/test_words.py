@@ -70,6 +70,27 @@ def test_a_unit_and_the_bench_have_one_word_each_in_chinese() -> None:
     assert len(CHINESE) == 4
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "试验箱",
+        "(?<!继续|没有)运行(?!中)",
+        "校准(?!日期)",
+        "等温",
+        "剖面",
+        "滞回",
+        "工位位",
+        "样本(?!内)",
+        "缺失效应",
+        "Allan偏差",
+    ],
+)
+def test_a_chinese_word_means_one_thing(wrong: str) -> None:
+    """温箱, 试验, 标定 (of a gyro, 校准 of an instrument), 恒温, 曲线, 迟滞, 安装位, 采样, 缺少效应, Allan标准差."""
+    texts = [path.read_text(encoding="utf-8") for path in CHINESE]
+    assert [line for text in texts for line in text.splitlines() if re.search(wrong, line)] == []
+
+
 @pytest.mark.parametrize("path", CHINESE, ids=lambda path: path.name)
 def test_no_chinese_text_has_a_space_beside_what_is_inserted(path: Path) -> None:
     """The browser sets the gap between scripts (`text-autospace`); a space would stand between Chinese words, too."""
