@@ -47,7 +47,7 @@ def test_every_key_that_is_said_has_a_text_and_every_text_is_said():
     ("environment", "said"),
     [
         ({"LANG": "uk_UA.UTF-8"}, "камера"),
-        ({"LANG": "uk_UA", "BENCH_LANG": "zh"}, "试验箱"),
+        ({"LANG": "uk_UA", "BENCH_LANG": "zh"}, "温箱"),
         ({"LANG": "fr_FR"}, "chamber"),
         ({"LC_ALL": "C", "LANG": "uk_UA"}, "chamber"),
         ({}, "chamber"),

@@ -112,7 +112,7 @@ SAMPLES = [
     ("unit too hot: unit_temperature = 91.5 is above 90", "uk",
      "виріб перегрітий: температура виробу = 91,5, вище за 90"),
     ("Complete, no frame lost; M1 leaves 1.2 × the noise floor on unseen data.", "zh",
-     "已完成，没有丢帧；M1在未见数据上剩余噪声底的1.2倍。"),
+     "已完成，没有丢帧；模型“M1”在未见数据上的残差为噪声底的1.2倍。"),
     ("all ramps at 2 degC/min: thermal lag, dT/dt and hysteresis cannot be separated; give some ramps another rate",
      "uk",
      "усі рампи 2 °C/хв: теплове запізнення, dT/dt і гістерезис не розділити; дайте деяким рампам іншу швидкість"),

@@ -180,7 +180,7 @@ def test_the_pages_speak_other_languages(page, language):
     page.locator(".bar select").select_option(language)
     page.get_by_role("heading", name={"uk": "Вироби", "zh": "产品"}[language]).wait_for()
     page.goto(f"/units/{UNIT}")
-    page.get_by_text({"uk": "Чинне калібрування", "zh": "有效校准"}[language]).first.wait_for()
+    page.get_by_text({"uk": "Чинне калібрування", "zh": "有效标定"}[language]).first.wait_for()
 
 
 def test_every_tile_of_a_unit_names_the_run_that_it_is_of(page, folder):

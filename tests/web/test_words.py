@@ -70,6 +70,27 @@ def test_a_unit_and_the_bench_have_one_word_each_in_chinese() -> None:
     assert len(CHINESE) == 4
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "试验箱",
+        "(?<!继续|没有)运行(?!中)",
+        "校准(?!日期)",
+        "等温",
+        "剖面",
+        "滞回",
+        "工位位",
+        "样本(?!内)",
+        "缺失效应",
+        "Allan偏差",
+    ],
+)
+def test_a_chinese_word_means_one_thing(wrong: str) -> None:
+    """温箱, 试验, 标定 (of a gyro, 校准 of an instrument), 恒温, 曲线, 迟滞, 安装位, 采样, 缺少效应, Allan标准差."""
+    texts = [path.read_text(encoding="utf-8") for path in CHINESE]
+    assert [line for text in texts for line in text.splitlines() if re.search(wrong, line)] == []
+
+
 @pytest.mark.parametrize("path", CHINESE, ids=lambda path: path.name)
 def test_no_chinese_text_has_a_space_beside_what_is_inserted(path: Path) -> None:
     """The browser sets the gap between scripts (`text-autospace`); a space would stand between Chinese words, too."""
@@ -324,6 +345,22 @@ def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() ->
         assert not re.search(r"[A-Za-z]{2,}|[{}]", text.replace("RMS", "")), text
     older = [{"name": "run", "state": "done", "facts": {"run": "x"}}, {"name": "run", "state": "failed", "facts": {}}]
     assert spoken("pages/calibrations/words.js", "said", older) == ["", ""]
+
+
+def test_lists_and_clauses_of_a_chinese_text_have_its_own_signs() -> None:
+    parameters = {name: {"value": 12.0, "std": 1.0, "unit": "s"} for name in ("tau_s", "delay_s")}
+    proof = {"by": "check", "before_dph": 2.0, "after_dph": 1.0}
+    suspect = {"found": True, "proved": True, "proof": proof, "parameters": parameters}
+    suspects = [{**suspect, "effect": one, "look_alikes": ["creep", "aging"]} for one in ("thermal_lag", "warm_up")]
+    found = {"verdict": "missing_effect", "suspects": suspects, "unexplained": [], "rms_dph": 1.0, "floor_dph": 0.5}
+    (chinese,), (english,) = (spoken("pages/workbench/sentence.js", "sentences", [found], one) for one in ("zh", "en"))
+    assert not re.search("[,;:()]", "".join(chinese)), chinese
+    values = "（时间常数 12.0 ± 1.0 s，延迟 12.0 ± 1.0 s）"
+    assert chinese[0] == f"缺少：热滞后{values}、预热{values}。"
+    assert "Thermal lag from Creep, Aging." in english[2]
+    assert spoken("lib/spoken.js", "labelled", ["bias, residual [deg/h]"]) == ["零偏，残差 [°/h]"]
+    step = {"name": "verify", "state": "done", "facts": {"rms_dph": 0.2, "over_floor": 1.5}, "verdict": "PASS"}
+    assert not re.search("[,;()]", *spoken("pages/calibrations/words.js", "said", [step]))
 
 
 def test_every_guard_that_all_runs_have_is_named_in_the_readers_language() -> None:

@@ -1,6 +1,6 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
 import { planTitle, runTitle } from "./names.js";
-import { degrees, effectWord, known, language, quantityWord, sig, symbols, t } from "./words.js";
+import { degrees, effectWord, known, language, quantityWord, sig, sign, symbols, t } from "./words.js";
 
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
 
@@ -31,7 +31,7 @@ function told(value) {
   if (typeof value === "string") return named(value);
   if (Array.isArray(value)) {
     const parts = value.map(told);
-    return value.some((part) => part?.key) ? parts.join("; ") : new Intl.ListFormat(language.get()).format(parts);
+    return value.some((part) => part?.key) ? parts.join(sign("; ")) : new Intl.ListFormat(language.get()).format(parts);
   }
   if ("number" in value) return written(value);
   if ("effect" in value) return effectWord(value.effect);
@@ -41,7 +41,7 @@ function told(value) {
 }
 
 /** The caption of an answer. */
-export const caption = ({ said, words }) => (said ? said.map(told).join(language.get() === "zh" ? "" : " ") : words ?? "");
+export const caption = ({ said, words }) => (said ? said.map(told).join(sign(" ")) : words ?? "");
 
 /** A label of a figure: the parts that have a word in it, and units; names stay. */
 export const labelled = (text) =>
@@ -49,7 +49,7 @@ export const labelled = (text) =>
     const [, name, unit] = part.match(NAMED);
     const word = known(`figure.label.${name}`) ? t(`figure.label.${name}`) : name;
     return unit ? `${word}${word && " "}[${symbols(unit)}]` : word;
-  }).join(", ")).join("<br>");
+  }).join(sign(", "))).join("<br>");
 
 const titled = (holder) => (holder?.title?.text ? { ...holder, title: { ...holder.title, text: labelled(holder.title.text) } } : holder);
 

@@ -86,6 +86,15 @@ export const quantityWord = (name, of = "") => (of && or(`units.q.${name}.${of}`
 export const symbols = (unit) =>
   unit === "1" ? "" : or(`symbol.${unit}`, (unit ?? "").replace(/sqrt\((\w+)\)/g, "√$1").replace(/\^([2-5])/g, (_, power) => "²³⁴⁵"[power - 2]).replace(/[A-Za-z]+/g, (one) => or(`symbol.${one}`, one)));
 
+/** Signs that stand between parts of a text where they are not those of English: wide ones have their space in them. */
+const SIGNS = { zh: { ", ": "，", "; ": "；", ": ": "：", " (": "（", ")": "）", " ": "", " %": "%" } };
+
+/** A sign between parts of a text (`, ` `; ` `: ` …) as the language writes it. */
+export const sign = (mark) => SIGNS[language.get()]?.[mark] ?? mark;
+
+/** A list in one line: A, B, C. */
+export const joined = (parts) => new Intl.ListFormat(language.get(), { style: "narrow" }).format(parts);
+
 const formatters = new Map();
 
 /** A number format of the language in use, made once: a live page writes hundreds of numbers per second. */

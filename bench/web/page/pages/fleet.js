@@ -12,8 +12,9 @@ import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
 import { outcomeWord } from "./verdict/judged.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
-const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [", ", item] : [item])).concat(items.length > most ? [` ${t("fleet.more", { n: items.length - most })}`] : []);
-const percent = (share) => `${number(100 * share, 1)} %`;
+/** Texts or links in one line. */
+const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [joined(["", ""]), item] : [item])).concat(items.length > most ? [`${sign(" ")}${t("fleet.more", { n: items.length - most })}`] : []);
+const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 
 function Attention({ fleet }) {
   const { outside, unjudged, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
@@ -85,7 +86,7 @@ function Control({ name, params, anchor }) {
     ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
-      <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}: ${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}
+      <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}${sign(": ")}${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}
   </section>`;
 }
 
@@ -106,13 +107,13 @@ function Failures({ fleet }) {
 
 function Drifts({ fleet }) {
   const tested = t("fleet.tested", { n: fleet.tested });
-  if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")} <span class="soft">${tested}</span></p>`;
+  if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")}${sign(" ")}<span class="soft">${tested}</span></p>`;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col" class="n">p</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
     <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.kind === "station" ? stationName(one.place) : lotName(one.place, fleet.choices.cut)}</th><td>${quantityWord(one.quantity)}</td>
       <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${symbols(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
       <td class="n">${one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2)}</td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
-    <p class="soft small">${t("fleet.drift_note")} ${tested}</p>`;
+    <p class="soft small">${t("fleet.drift_note")}${sign(" ")}${tested}</p>`;
 }
 
 function Shifts({ fleet }) {
@@ -142,12 +143,12 @@ function Lacks({ params, cut }) {
   const [model, setModel] = useState("");
   const { data, error, again } = useGet(`/fleet/lacks${query({ ...params, limits: "", model })}`);
   if (!data) return error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`;
-  if (!data.units) return html`<p class="soft">${t("fleet.no_lacks")} <code>bench fleet diagnose --model NAME</code></p>`;
+  if (!data.units) return html`<p class="soft">${t("fleet.no_lacks")}${sign(" ")}<code>bench fleet diagnose --model NAME</code></p>`;
   const sum = (part, name, lots = data.lots) => lots.reduce((all, lot) => all + (lot[part][name] ?? 0), 0);
   const effects = [...new Set(data.lots.flatMap((lot) => Object.keys(lot.lacks)))].sort((one, other) => sum("lacks", other) - sum("lacks", one));
   const shown = data.lots.slice(0, MOST_LOTS);
   const row = (head, part, name) => html`<tr key=${`${part} ${name}`}><th scope="row">${head}</th><td class="n"><b>${sum(part, name)}</b></td>${shown.map((lot) => html`<td key=${lot.lot} class="n">${lot[part][name] ?? 0}</td>`)}</tr>`;
-  return html`<p>${t("fleet.diagnosed", { n: data.units })} ${Object.keys(data.models).length > 1 ? html`<select aria-label=${t("workbench.model.title")} onChange=${(event) => setModel(event.target.value)}>
+  return html`<p>${t("fleet.diagnosed", { n: data.units })}${sign(" ")}${Object.keys(data.models).length > 1 ? html`<select aria-label=${t("workbench.model.title")} onChange=${(event) => setModel(event.target.value)}>
       ${Object.keys(data.models).map((name) => html`<option key=${name} value=${name} selected=${name === data.model}>${name}</option>`)}</select>` : html`<code>${data.model}</code>`}</p>
     <div class="scroll" tabindex="0" role="region" aria-label=${t("fleet.lacks")}><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lotName(lot, cut)}</th>`)}</tr></thead>
       <tbody>${effects.map((effect) => row(effectWord(effect), "lacks", effect))}

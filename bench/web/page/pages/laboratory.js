@@ -71,7 +71,7 @@ function Doctor({ station }) {
     <${Going} job=${job} />
     ${result && html`<p role="status"><${Lamp} tone=${result.agrees ? "good" : "bad"}>${t(result.agrees ? "doctor.all" : "doctor.differs")}<//></p>
       <div class="scroll" tabindex="0" role="region" aria-label=${t("doctor.title")}><table><tbody>${result.findings.map(({ what, verdict, detail, uncertain }) => html`
-        <tr key=${`${what} ${detail}`}><td><${Lamp} tone=${TONES[verdict]}>${t(`doctor.${verdict.replace(" ", "_")}`)}<//></td><th scope="row"><${Said} text=${what} /></th><td><${Said} text=${detail} />${uncertain && html` <span class="soft">(${t("doctor.weak")})</span>`}</td></tr>`)}</tbody></table></div>`}
+        <tr key=${`${what} ${detail}`}><td><${Lamp} tone=${TONES[verdict]}>${t(`doctor.${verdict.replace(" ", "_")}`)}<//></td><th scope="row"><${Said} text=${what} /></th><td><${Said} text=${detail} />${uncertain && html`<span class="soft">${sign(" (")}${t("doctor.weak")}${sign(")")}</span>`}</td></tr>`)}</tbody></table></div>`}
   </section>`;
 }
 

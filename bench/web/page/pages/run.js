@@ -5,7 +5,7 @@ import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { startAct, startRun } from "../lib/starts.js";
 import { may } from "../lib/store.js";
-import { duration, moment, t } from "../lib/words.js";
+import { duration, moment, sign, t } from "../lib/words.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
 import { limitsName, planName, planTitle, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
@@ -163,7 +163,7 @@ export default function Run({ params }) {
     <p class="row">${run.report && html`<a class="button" href=${`/api/v1${path}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
       <a class="button" href=${`/workbench?run=${link}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/workbench?run=${link}&compare=`}>${t("run.compare")}</a></p>
-    ${!run.calibration && html`<p>${t("run.no_calibration")} ${run.verifies && html`<a href=${`/runs/${run.verifies}`}>${t("run.verifies")}</a> `}<a href=${`/api/v1${path}/data.csv`} download>${t("run.means")}</a></p>`}
+    ${!run.calibration && html`<p>${t("run.no_calibration")}${sign(" ")}${run.verifies && html`<a href=${`/runs/${run.verifies}`}>${t("run.verifies")}</a> `}<a href=${`/api/v1${path}/data.csv`} download>${t("run.means")}</a></p>`}
     <div class="run-parts">
       ${run.calibration && html`${!ofLot(run) && html`<${Certificate} path=${path} run=${run} again=${again} />`}<${Export} path=${path} />
       <${InTheUnit} path=${path} run=${run} />`}${!ofLot(run) && html`<${Replay} path=${path} />`}

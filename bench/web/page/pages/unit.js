@@ -58,11 +58,11 @@ function Memory({ unit }) {
   const held = unit.memory;
   const failed = unit.writes[0]?.state === "failed" ? unit.writes[0] : null;
   return html`<section class="panel stack" aria-labelledby="memory"><h2 id="memory">${t("units.memory")}</h2>
-    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })} <${Said} text=${failed.error} /></p></div>`}
+    ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })}${sign(" ")}<${Said} text=${failed.error} /></p></div>`}
     ${!held && html`<p>${t("units.memory.none")}</p>`}
     ${held && html`<dl class="st-facts">
       <dt>${t("units.memory.id")}</dt><dd class="mono">${held.calibration_id}</dd>
-      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}, <${Said} text=${held.operator ?? "–"} /></dd>
+      <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}${sign(", ")}<${Said} text=${held.operator ?? "–"} /></dd>
       <dt>${t("units.memory.of")}</dt><dd>${held.run ?? "–"}</dd>
       <dt>${t("units.memory.place")}</dt><dd>${t("units.memory.bank", { bank: held.bank, set: held.coefficient_set, words: held.words })}</dd>
       <dt>CRC</dt><dd class="mono">${held.crc}</dd>

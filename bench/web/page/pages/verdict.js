@@ -129,7 +129,7 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
 /** What was passed: the limits by name, the steps that are done, and those that are missing before the unit goes on. */
 function Achieved({ run }) {
   const { done, missing } = achieved(run);
-  const named = (steps) => steps.map((step) => t(`verdict.step.${step}`)).join(", ");
+  const named = (steps) => joined(steps.map((step) => t(`verdict.step.${step}`)));
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
     ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${run.limits?.name ? t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) }) : t("verdict.done_by_rule", { steps: named(done) })}</span></li>`}
     ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}

@@ -36,8 +36,8 @@ const SAID = {
   verify: ({ worst, rms_dph, over_floor }, verdict) => [
     worst ? t("step.said.verify_imu", { verdict, axis: worst }) : t("step.said.verify", { verdict, rms: dph(rms_dph) }),
     ...(over_floor === null ? [] : [timesFloor(over_floor, 1)]),
-  ].join(", "),
-  certificate: ({ number: own }, verdict) => `${own}${verdict && `: ${verdict}`}`,
+  ].join(sign(", ")),
+  certificate: ({ number: own }, verdict) => `${own}${verdict && sign(": ") + verdict}`,
 };
 
 /** What a step found, made of its facts; empty where it is not done, or an older bench did it and kept fewer of them. */

@@ -2,7 +2,7 @@
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Lamp, Shape } from "../../lib/parts.js";
 import { traces } from "../../lib/live.js";
-import { degrees, duration, language, number, t } from "../../lib/words.js";
+import { degrees, duration, joined, language, number, sign, t } from "../../lib/words.js";
 import { Trace } from "../../lib/trace.js";
 import { Actions } from "./actions.js";
 import { Output, Temperatures, unitTone } from "./charts.js";
@@ -84,7 +84,7 @@ export function Segments({ run }) {
       ${Array.from({ length: cells }, (_, index) => html`<i key=${index} class=${index === segment.index ? "now" : ""} ref=${(element) => element?.style.setProperty("flex-grow", String(grow(index)))}>
         <span ref=${(element) => element?.style.setProperty("transform", `scaleX(${filled(index).toFixed(4)})`)}></span></i>`)}
     </div>
-    <p class="segment-words"><span><b>${t("live.segment", { index: segment.index + 1, of: segment.of })}</b> ${segmentText(segment)}</span>
+    <p class="segment-words"><span><b>${t("live.segment", { index: segment.index + 1, of: segment.of })}</b>${sign(" ")}${segmentText(segment)}</span>
       <span class="figures">${over ? t("live.settling") : t("live.segment_left", { time: duration(segment.left_s) })}</span></p>
   </section>`;
 }
@@ -92,10 +92,10 @@ export function Segments({ run }) {
 export function Troubles({ run }) {
   const gone = isOld(run) && run.condition !== "ended";
   return html`<div aria-live="assertive">
-    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong> <${Said} text=${run.detail} /></p></div>`}
-    ${run.chamber?.alarm?.length > 0 && html`<div class="notice bad"><p><strong>${t("live.alarm")}</strong> ${run.chamber.alarm.join(", ")}</p></div>`}
-    ${run.state === "holding" && html`<div class="notice warn"><p><strong>${t("live.held_by")}</strong> <${Said} text=${run.holding?.join("; ")} /></p></div>`}
-    ${(run.units ?? []).filter((unit) => unit.dropped).map((unit) => html`<div key=${unit.serial} class="notice bad"><p><strong>${t("live.dropped", { serial: unit.serial })}</strong> <${Said} text=${unit.dropped} /></p></div>`)}
+    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong>${sign(" ")}<${Said} text=${run.detail} /></p></div>`}
+    ${run.chamber?.alarm?.length > 0 && html`<div class="notice bad"><p><strong>${t("live.alarm")}</strong>${sign(" ")}${run.chamber.alarm.join(", ")}</p></div>`}
+    ${run.state === "holding" && html`<div class="notice warn"><p><strong>${t("live.held_by")}</strong>${sign(" ")}<${Said} text=${run.holding?.join("; ")} /></p></div>`}
+    ${(run.units ?? []).filter((unit) => unit.dropped).map((unit) => html`<div key=${unit.serial} class="notice bad"><p><strong>${t("live.dropped", { serial: unit.serial })}</strong>${sign(" ")}<${Said} text=${unit.dropped} /></p></div>`)}
   </div>`;
 }
 
@@ -128,7 +128,7 @@ const UnitLine = ({ run, unit, index }) => html`<p class="unit-line figures">
 
 /** Announces changes to screen readers: states at once, segments politely. */
 function Changes({ run }) {
-  const tripped = (run.guards ?? []).filter((guard) => guard.state === "tripped").map(guardName).join(", ");
+  const tripped = joined((run.guards ?? []).filter((guard) => guard.state === "tripped").map(guardName));
   const last = useRef({ state: run.state, segment: run.segment?.index, tripped });
   const [message, setMessage] = useState("");
   useEffect(() => {
@@ -136,7 +136,7 @@ function Changes({ run }) {
     last.current = { state: run.state, segment: run.segment?.index, tripped };
     if (tripped && before.tripped !== tripped) setMessage(t("live.said_tripped", { guards: tripped }));
     else if (before.state !== run.state) setMessage(stateWord(run));
-    else if (before.segment !== run.segment?.index) setMessage(`${t("live.segment", { index: run.segment.index + 1, of: run.segment.of })} ${segmentText(run.segment)}`);
+    else if (before.segment !== run.segment?.index) setMessage(`${t("live.segment", { index: run.segment.index + 1, of: run.segment.of })}${sign(" ")}${segmentText(run.segment)}`);
   }, [run.state, run.segment?.index, tripped]);
   return html`<p class="unseen" role="status">${message}</p>`;
 }

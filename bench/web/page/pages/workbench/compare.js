@@ -6,7 +6,7 @@ import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 import { Said } from "../../lib/said.js";
 import { planTitle, stationName, limitsName } from "../../lib/names.js";
-import { quantityWord, symbols } from "../../lib/words.js";
+import { quantityWord, sign, symbols } from "../../lib/words.js";
 
 const MOST_ROWS = 40;
 const PARTS = () => ({
@@ -27,15 +27,15 @@ function cell(value) {
   if (value === null || value === undefined) return "–";
   if (typeof value === "number") return number(value, 4);
   if (typeof value === "boolean") return value ? "✓" : "✕";
-  if (Array.isArray(value)) return value.map(cell).join(", ");
+  if (Array.isArray(value)) return value.map(cell).join(sign(", "));
   if (typeof value !== "object") return String(value);
   if ("value" in value) {
     const { value: middle, low, high, reason } = value;
-    const spread = low !== null && high !== null && low !== high ? ` (${number(low, 3)} … ${number(high, 3)})` : "";
+    const spread = low !== null && high !== null && low !== high ? `${sign(" (")}${number(low, 3)} … ${number(high, 3)}${sign(")")}` : "";
     return middle === null ? html`<${Said} text=${reason || "–"} />` : `${number(middle, 4)}${spread}`;
   }
-  if ("duration_s" in value) return `${or(`units.state.${value.outcome}`, value.outcome)}, ${duration(value.duration_s)}`;
-  return Object.entries(value).map(([key, inner]) => `${placed(key)} ${VALUES[key]?.(inner) ?? cell(inner)}`).join(", ");
+  if ("duration_s" in value) return `${or(`units.state.${value.outcome}`, value.outcome)}${sign(", ")}${duration(value.duration_s)}`;
+  return Object.entries(value).map(([key, inner]) => `${placed(key)} ${VALUES[key]?.(inner) ?? cell(inner)}`).join(sign(", "));
 }
 
 const plainOf = (value) => (value && typeof value === "object" ? value.value ?? JSON.stringify(value) : value);

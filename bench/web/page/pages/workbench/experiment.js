@@ -1,5 +1,6 @@
 // The next experiment: why the runs so far cannot decide, the proposed temperature curve, and a link to start it.
 import { html, t, api, duration, usePalette } from "./parts.js";
+import { sign } from "../../lib/words.js";
 import { reasons, rival } from "./sentence.js";
 import { degrees } from "../../lib/words.js";
 
@@ -36,7 +37,7 @@ export function NextExperiment({ next, unit }) {
   return html`<section class="wb-card wb-next" aria-labelledby="wb-next-title">
     <h2 id="wb-next-title">${t("workbench.next.title")}</h2>
     <p class="wb-lead">⇄ ${t("workbench.next.cannot", { effects: rivals })}</p>
-    <p>${reasons(next).join(" ")}</p>
+    <p>${reasons(next).join(sign(" "))}</p>
     <${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />
     ${next.probability_after !== null && next.probability_after !== undefined && html`<p class="wb-soft">
       ${t("workbench.next.chance", { before: Math.round(100 * (next.probability_before ?? 0)), after: Math.round(100 * next.probability_after) })}</p>`}

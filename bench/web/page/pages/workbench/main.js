@@ -13,6 +13,7 @@ import { ask, companions, known, likelyRole, useJob, useSession } from "./sessio
 import { same } from "./state.js";
 import { timesFloor } from "../../lib/floor.js";
 import { Unknown } from "../../lib/parts.js";
+import { joined } from "../../lib/words.js";
 import { Suspects, pictureOf } from "./suspects.js";
 import { Said } from "../../lib/said.js";
 
@@ -72,7 +73,7 @@ function Standing({ session, analysis, floor, whole }) {
         <button type="button" class="narrow" disabled=${!undone} aria-keyshortcuts="Control+Shift+Z" onClick=${() => act({ type: "redo" })}>↷ ${t("workbench.model.redo")}</button></span>`}</div>
     ${analysis.failed && html`<p class="wb-bad" role="alert"><${Said} text=${ofRuns(analysis.failed, runs)} whole />${whole && html` <a href=${`/runs/${whole}`}>${t("workbench.whole")}</a>`}</p>`}
     ${last && html`<div class="wb-tiles" role="status">
-      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${runs.check.map(runTitle).join(", ")}` : ""}`} />
+      <${Tile} value=${last.heldOut} floor=${floor} title=${t("workbench.ladder.held_out")} mark="held" where=${`${WHERE()[last.heldOutBy]}${last.heldOutBy === "check" ? ` ${joined(runs.check.map(runTitle))}` : ""}`} />
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t(floorWord(last, floor))} />
     </div>`}

@@ -1,5 +1,6 @@
 // Notes about the run, and saved views of the workbench; both stay with the run.
 import { html, t, api, moment, useEffect, useState } from "./parts.js";
+import { sign } from "../../lib/words.js";
 import { may } from "../../lib/store.js";
 import { Said } from "../../lib/said.js";
 
@@ -35,7 +36,7 @@ export function Notes({ run, address }) {
   useEffect(() => void ask(api.get(`${place}/notes`)), [place]);
   const view = (name) => place + api.url`/views/${name}`;
   const writes = may("operator");
-  const whose = ({ who, utc }) => html`<span class="wb-soft">${who}, ${moment(utc)}</span>`;
+  const whose = ({ who, utc }) => html`<span class="wb-soft">${who}${sign(", ")}${moment(utc)}</span>`;
   return html`<section class="wb-card wb-notes" aria-labelledby="wb-notes-title"><h2 id="wb-notes-title">${t("workbench.notes.title")}</h2>
     ${!kept.notes.length && !kept.views.length && html`<p class="wb-soft">${t("workbench.notes.none")}</p>`}
     <ul>${kept.notes.map((note, i) => html`<li key=${`note ${i}`}><p class="wb-note">${note.text}</p>${whose(note)}</li>`)}</ul>

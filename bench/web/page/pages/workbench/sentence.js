@@ -1,5 +1,5 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
-import { channelWord, effectWord, or, symbols, t } from "../../lib/words.js";
+import { channelWord, effectWord, joined, or, sign, symbols, t } from "../../lib/words.js";
 import { measured, number } from "./parts.js";
 import { NEAREST } from "../../lib/floor.js";
 import { labelled } from "../../lib/spoken.js";
@@ -12,14 +12,14 @@ export const quantity = (name) => (name === "dT_dt" ? "dT/dt" : labelled(channel
 
 const named = ({ effect, parameters }) => {
   const values = Object.entries(parameters ?? {}).map(([name, value]) => `${parameterWord(name)} ${measured(value)}`);
-  return values.length ? `${effectWord(effect)} (${values.join(", ")})` : effectWord(effect);
+  return values.length ? `${effectWord(effect)}${sign(" (")}${values.join(sign(", "))}${sign(")")}` : effectWord(effect);
 };
-const list = (suspects) => suspects.map(named).join(", ");
+const list = (suspects) => joined(suspects.map(named));
 const unseen = (proof) => t(`workbench.say.unseen.${proof?.by ?? "other"}`);
 const errors = ({ proof }, scale = 1) => ({ unseen: unseen(proof), before: number(proof.before_dph / scale), after: number(proof.after_dph / scale) });
 
 const alike = ({ effect, look_alikes }) => (look_alikes.length
-  ? [t("workbench.say.alike", { effect: effectWord(effect), others: look_alikes.map(effectWord).join(", ") })] : []);
+  ? [t("workbench.say.alike", { effect: effectWord(effect), others: joined(look_alikes.map(effectWord)) })] : []);
 
 const doubt = (suspect) => (suspect.proof.before_dph === null ? t("workbench.say.unjudged", { effect: effectWord(suspect.effect) })
   : t("workbench.say.changes", { effect: effectWord(suspect.effect), ...errors(suspect) }));
@@ -69,7 +69,7 @@ const percent = (share) => String(Math.round(100 * share));
 export function reasons(next) {
   if (next.use === "by_hand") {
     const what = next.channels.map((name) => or(`workbench.excite.${name}`, t("workbench.why.move", { channel: quantity(name) })));
-    return [t("workbench.why.by_hand", { channels: next.channels.map(quantity).join(", "), what: what.join("; ") })];
+    return [t("workbench.why.by_hand", { channels: joined(next.channels.map(quantity)), what: what.join(sign("; ")) })];
   }
   if (next.use !== "run") return [t(`workbench.why.${next.use}`)];
   if (next.predicted_before === null) return [t("workbench.why.thermal")];

@@ -17,7 +17,7 @@ function Evidence({ value, threshold, most, found }) {
       <span class=${beyond ? "wb-fill" : "wb-fill wb-faint"} style=${{ width: share(value) }}></span>
       <span class="wb-threshold" style=${{ left: share(threshold) }}></span>
     </div>
-    <span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(value) })},${" "}
+    <span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(value) })}${sign(", ")}
       ${t(word, { threshold: number(threshold, 2) })}</span>
   </div>`;
 }
@@ -50,7 +50,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
     <div class="wb-suspect-head">
       <h4 title=${`effect: ${suspect.effect}`}>${name} ${whole && html`<code>${suspect.effect}</code>`}</h4>
       ${suspect.partial && html`<button type="button" class="wb-link" aria-pressed=${picked ? "true" : "false"}
-        aria-label=${`${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${name}`}
+        aria-label=${`${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}${sign(": ")}${name}`}
         onClick=${() => onPicture(picked ? "" : suspect.effect)}>${picked ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
       <button type="button" class=${first ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(suspect)}
         aria-label=${t("workbench.suspect.add_named", { effect: name })}>${t("workbench.suspect.add")}</button>
@@ -59,7 +59,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
     ${whole && html`<${Gain} suspect=${suspect} found=${found} />
       <${Parameters} parameters=${suspect.parameters} />
       <p class="wb-soft">${or(`workbench.summary.${suspect.effect}`, suspect.summary)}</p>`}
-    ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: suspect.look_alikes.map(effectWord).join(", ") })}</p>`}
+    ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: joined(suspect.look_alikes.map(effectWord)) })}</p>`}
   </li>`;
 }
 
@@ -73,7 +73,7 @@ function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
   return html`<h3>${t("workbench.formula.title")}</h3><ol class="wb-suspects">${formulas.slice(0, SHOWN).map((one, i) => html`<li key=${one.formula} class=${`wb-suspect ${i ? "" : "wb-found"}`}>
     <div class="wb-suspect-head"><h4><code>${one.formula}</code></h4>
       ${one.partial && html`<button type="button" class="wb-link" aria-pressed=${picked === one.formula ? "true" : "false"}
-        aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}: ${one.formula}`}
+        aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}${sign(": ")}${one.formula}`}
         onClick=${() => onPicture(picked === one.formula ? "" : one.formula)}>${
           picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
       <button type="button" class=${lead && !i ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(one)}
@@ -99,7 +99,7 @@ export function pictureOf(found, id) {
   const formula = found?.formulas?.find((one) => one.formula === id);
   const answer = suspect?.partial ?? formula?.partial ?? found?.figures?.[id];
   if (!answer) return null;
-  const title = suspect ? `${t("workbench.figure.partial")}: ${effectWord(id)}` : formula ? t("workbench.formula.picture") : FURTHER()[id];
+  const title = suspect ? `${t("workbench.figure.partial")}${sign(": ")}${effectWord(id)}` : formula ? t("workbench.formula.picture") : FURTHER()[id];
   return { id, title, answer };
 }
 
@@ -122,7 +122,7 @@ function Where({ places }) {
   if (!places?.length) return null;
   return html`<details class="wb-where" open><summary>${t("workbench.where.title")}</summary><ul>
     ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
-      <b>${quantity(place.channel)}</b> ${span(place)}:${" "}
+      <b>${quantity(place.channel)}</b> ${span(place)}${sign(": ")}
       ${place.floor_ratio === null ? `${number(place.rms_dph)} ${symbols("deg/h")}` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
       ${place.note ? html` <span class="wb-soft"><${Said} text=${place.note} /></span>` : null}</li>`)}
   </ul></details>`;
@@ -141,7 +141,7 @@ export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPictur
     <div class=${`wb-verdict wb-${toneOf(found.verdict)}`} role="status">
       <p class="wb-word">${outcomeWord(found.verdict)}</p>
       <p>${first}</p>
-      ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(" ")}</p></details>`}
+      ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(sign(" "))}</p></details>`}
     </div>
     <${Formulas} found=${found} lead=${lead} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
     ${found.suspects.length > 0 && html`<h3>${t("workbench.suspect.title")}</h3>`}
@@ -154,6 +154,6 @@ export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPictur
     ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul>
       ${found.noise_finding && html`<li><${Said} text=${found.noise_finding} /></li>`}
       ${found.notes.map((note) => html`<li key=${note}><${Said} text=${note} /></li>`)}
-      ${found.not_excited.map((one) => html`<li key=${one.effect}>${effectWord(one.effect)}: <${Said} text=${one.reason} /></li>`)}</ul></details>`}
+      ${found.not_excited.map((one) => html`<li key=${one.effect}>${effectWord(one.effect)}${sign(": ")}<${Said} text=${one.reason} /></li>`)}</ul></details>`}
   </div>`;
 }
