@@ -104,7 +104,8 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     page.route("**/api/v1/runs/-1/run", lambda route: route.fulfill(json=judged))
     page.goto("/verdict/-0/run")
     table = page.get_by_role("table", name="Ж-1")
-    assert table.get_by_role("cell").first.inner_text().split() == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"
+    why = table.get_by_role("cell").first.inner_text().split()
+    assert why == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"
 
 
 @pytest.mark.parametrize("locale", ["en-GB", "uk-UA", "zh-CN"])

@@ -128,7 +128,7 @@ export function sig(value, digits = 3) {
   const far = power < -4 || power >= 6;
   const whole = Number.isInteger(value);
   const text = far ? number(value / 10 ** power, whole ? undefined : digits - 1) : number(value, whole ? 0 : Math.max(0, digits - 1 - power));
-  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (sign) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(sign)])}` : text;
+  return far ? `${text}·10${String(power).replace(/[-0-9]/g, (one) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(one)])}` : text;
 }
 
 /** A temperature with its unit. */

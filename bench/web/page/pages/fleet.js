@@ -6,7 +6,7 @@ import { navigate, remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
-import { asGiven, effectWord, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
 import { outcomeWord } from "./verdict/judged.js";
@@ -22,12 +22,12 @@ function Attention({ fleet }) {
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${t("fleet.quiet")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
-    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html` ${t("fleet.missing")} ${listed(fleet.missing.map(quantityWord))}`}`],
-    stations.length > 0 && ["warn", html`${t("fleet.stations_drift")} ${listed(stations.map(stationName))}`],
-    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")} ${listed(shifted.map(stationName))}`],
-    lots.length > 0 && ["warn", html`${t("fleet.lots_differ")} ${listed(lots.map((lot) => lotName(lot, fleet.choices.cut)))}`],
-    odd.length > 0 && ["warn", html`${t("fleet.odd")} ${listed(odd.map(unitLink))}`],
-    beyond.length > 0 && ["warn", html`${t("fleet.beyond")} ${listed(beyond.map(quantityWord))}`],
+    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html`${sign(" ")}${t("fleet.missing")}${sign(" ")}${listed(fleet.missing.map(quantityWord))}`}`],
+    stations.length > 0 && ["warn", html`${t("fleet.stations_drift")}${sign(" ")}${listed(stations.map(stationName))}`],
+    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")}${sign(" ")}${listed(shifted.map(stationName))}`],
+    lots.length > 0 && ["warn", html`${t("fleet.lots_differ")}${sign(" ")}${listed(lots.map((lot) => lotName(lot, fleet.choices.cut)))}`],
+    odd.length > 0 && ["warn", html`${t("fleet.odd")}${sign(" ")}${listed(odd.map(unitLink))}`],
+    beyond.length > 0 && ["warn", html`${t("fleet.beyond")}${sign(" ")}${listed(beyond.map(quantityWord))}`],
   ].filter(Boolean);
   return html`<section class=${`notice ${outside ? "bad" : "warn"}`} aria-label=${t("fleet.attention")}>
     <ul class="st-attention">${lines.map(([tone, words]) => html`<li key=${tone + lines.length}><${Lamp} tone=${tone}>${words}<//></li>`)}</ul></section>`;

@@ -4,7 +4,7 @@ import { finished, post, remove, upload, url } from "../lib/api.js";
 import { Busy, Lamp, TextField, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { asGiven, channelWord, duration, number, symbols, t } from "../lib/words.js";
+import { asGiven, channelWord, duration, number, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { useGet } from "./stock/parts.js";
 

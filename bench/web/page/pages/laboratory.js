@@ -5,7 +5,7 @@ import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { stationName } from "../lib/names.js";
-import { symbols, t } from "../lib/words.js";
+import { sign, symbols, t } from "../lib/words.js";
 import { Going, useAct } from "./run.js";
 import { Said } from "../lib/said.js";
 

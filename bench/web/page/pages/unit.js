@@ -3,7 +3,7 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
-import { asGiven, duration, effectWord, moment, number, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, duration, effectWord, moment, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";

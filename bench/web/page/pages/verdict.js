@@ -5,7 +5,7 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { asGiven, moment, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, joined, moment, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, outcomeWord, toneOf, worst } from "./verdict/judged.js";

@@ -1,6 +1,6 @@
 // State of a calibration and of its steps in words and tones.
 import { timesFloor } from "../../lib/floor.js";
-import { duration, number, or, t } from "../../lib/words.js";
+import { duration, joined, number, or, sign, t } from "../../lib/words.js";
 import { outcomeWord, toneOf as verdictTone } from "../verdict/judged.js";
 
 const TONES = { waiting: "idle", running: "link", interrupted: "bad", held: "warn", failed: "bad" };
@@ -31,7 +31,7 @@ const SAID = {
   run: ({ rows, duration_s, lost }) => t("step.said.run", { rows, time: duration(duration_s), lost }),
   fit: ({ findings, limits, model, held_out_rms_dph }) => (findings ? t("step.said.fit_imu", { findings: findings.length })
     : t("step.said.fit", { verdict: outcomeWord(limits), model, rms: dph(held_out_rms_dph) })),
-  diagnose: ({ doubts }) => (doubts.length ? t("step.said.doubts", { doubts: doubts.map(({ kind }) => or(`step.doubt.${kind}`, outcomeWord(kind))).join(", ") }) : t("step.said.diagnose")),
+  diagnose: ({ doubts }) => (doubts.length ? t("step.said.doubts", { doubts: joined(doubts.map(({ kind }) => or(`step.doubt.${kind}`, outcomeWord(kind)))) }) : t("step.said.diagnose")),
   flash: ({ calibration_id }) => t("step.said.flash", { id: calibration_id }),
   verify: ({ worst, rms_dph, over_floor }, verdict) => [
     worst ? t("step.said.verify_imu", { verdict, axis: worst }) : t("step.said.verify", { verdict, rms: dph(rms_dph) }),

@@ -4,7 +4,7 @@ import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { sign, symbols } from "../../lib/words.js";
+import { symbols } from "../../lib/words.js";
 import { caption, spoken } from "../../lib/spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { Said } from "../../lib/said.js";

@@ -1,7 +1,7 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
 import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
-import { between, effectWord, symbols } from "../../lib/words.js";
+import { between, effectWord, joined, sign, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 import { outcomeWord, toneOf } from "../verdict/judged.js";
 
