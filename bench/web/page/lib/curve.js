@@ -18,28 +18,26 @@ const multiples = (low, high, size) => {
   return Array.from({ length: Math.max(0, Math.floor(high / size) - first + 1) }, (_, index) => (first + index) * size);
 };
 
-/** A place with its width [px], as soon as it is drawn; `otherwise` before. */
-function useWidth(otherwise) {
-  const place = useRef(null);
-  const [width, setWidth] = useState(otherwise);
-  useEffect(() => {
-    if (!place.current) return undefined;
-    const watcher = new ResizeObserver(([{ contentRect }]) => contentRect.width && setWidth(Math.round(contentRect.width)));
-    watcher.observe(place.current);
-    return () => watcher.disconnect();
-  }, []);
-  return { place, width };
-}
-
 /**
  * `width` and `height` are units of the drawing, which scales with its place; `axes` adds a grid with numbers, and such a
  * drawing has as many units as its place has pixels, so that its numbers have the size of the text around it.
  */
-export function Curve({ curve, width: most = 320, height: tallest = 130, axes = false, label }) {
-  const { place, width: wide } = useWidth(most);
-  if (!curve?.length) return null;
-  const width = axes ? wide : most;
-  const height = axes ? Math.max(180, Math.round((tallest * width) / most)) : tallest;
+export function Curve({ width = 320, height = 130, axes = false, ...of }) {
+  const place = useRef(null);
+  const [wide, setWide] = useState(width);
+  useEffect(() => {
+    if (!axes || !place.current) return undefined;
+    const watcher = new ResizeObserver(([{ contentRect }]) => contentRect.width && setWide(Math.round(contentRect.width)));
+    watcher.observe(place.current);
+    return () => watcher.disconnect();
+  }, [Boolean(of.curve?.length)]);
+  if (!of.curve?.length) return null;
+  if (!axes) return html`<${Drawing} ...${of} width=${width} height=${height} axes=${false} />`;
+  return html`<div ref=${place}><${Drawing} ...${of} width=${wide} height=${Math.max(180, Math.round((height * wide) / width))} axes /></div>`;
+}
+
+/** The drawing itself; `width` and `height` are its units. */
+export function Drawing({ curve, width, height, axes, label }) {
   const [low, high] = range(curve);
   const edge = axes ? { left: 56, right: 28, top: 16, bottom: 34 } : EDGE;
   const end = curve.at(-1)[0] || 1;
@@ -49,7 +47,7 @@ export function Curve({ curve, width: most = 320, height: tallest = 130, axes = 
   const line = curve.map(([t_s, degc], index) => `${index ? "L" : "M"}${x(t_s).toFixed(1)} ${y(degc).toFixed(1)}`).join("");
   const text = label ?? t("curve.label", { low: degrees(low, 0), high: degrees(high, 0), time: duration(end) });
   const base = y(Math.max(bottom, Math.min(top, curve[0][1])));
-  return html`<svg ref=${axes ? place : null} class="curve" viewBox=${`0 0 ${width} ${height}`} role="img" aria-label=${text}>
+  return html`<svg class="curve" viewBox=${`0 0 ${width} ${height}`} role="img" aria-label=${text}>
     ${axes && html`<${Grid} x=${x} y=${y} end=${end} low=${bottom} high=${top} width=${width} height=${height} edge=${edge} />`}
     <path class="curve-fill" d=${`${line}L${x(end).toFixed(1)} ${base.toFixed(1)}L${x(0).toFixed(1)} ${base.toFixed(1)}Z`} />
     ${!axes && html`<path class="curve-base" d=${`M${x(0)} ${base.toFixed(1)}H${x(end)}`} />`}
