@@ -355,7 +355,7 @@ def test_lists_and_clauses_of_a_chinese_text_have_its_own_signs() -> None:
     found = {"verdict": "missing_effect", "suspects": suspects, "unexplained": [], "rms_dph": 1.0, "floor_dph": 0.5}
     (chinese,), (english,) = (spoken("pages/workbench/sentence.js", "sentences", [found], one) for one in ("zh", "en"))
     assert not re.search("[,;:()]", "".join(chinese)), chinese
-    values = "（时间常数 12.0 ± 1.0 s，延迟 12.0 ± 1.0 s）"
+    values = "（时间常数 12.0\u00a0±\u00a01.0\u00a0s，延迟 12.0\u00a0±\u00a01.0\u00a0s）"
     assert chinese[0] == f"缺少：热滞后{values}、预热{values}。"
     assert "Thermal lag from Creep, Aging." in english[2]
     assert spoken("lib/spoken.js", "labelled", ["bias, residual [deg/h]"]) == ["零偏，残差 [°/h]"]
