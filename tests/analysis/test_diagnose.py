@@ -274,6 +274,15 @@ def test_an_effect_whose_channel_is_not_there_is_not_testable_and_the_reason_is_
     assert "no channel 'quadrature'" in answer.not_excited["quadrature_leakage"]
 
 
+@pytest.mark.parametrize("use", ["static", "check"])
+def test_a_run_beside_it_whose_output_is_stuck_is_refused(use):
+    run = hidden_run(profile="short", seed=6)
+    other = hidden_run(profile="short", seed=7)
+    stuck = replace(other, name="other", channels={**other.channels, "rate": np.full(len(other), 3.25)})
+    with pytest.raises(InputError, match=r"other: rate is 3\.25 deg/h in every row"):
+        diagnose([run], SPLINE, **{use: stuck if use == "static" else [stuck]})
+
+
 def test_a_static_run_that_does_not_stand_still_is_refused():
     run = hidden_run(profile="short", seed=6)
     with pytest.raises(InputError, match="standing still"):

@@ -12,7 +12,7 @@ from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.kernel import Kernel
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.surface import ResidualSurface
-from bench.analysis.effects.model import Model
+from bench.analysis.effects.model import Model, shell_text
 from bench.base import CHANNELS, FloatArray, finite
 
 VerdictWord = Literal["adequate", "missing_effect", "unknown_effect", "undecided"]
@@ -106,6 +106,11 @@ class SuspectedEffect:
     def proved(self) -> bool | None:
         """Whether the error on unseen data falls with it, by enough and significantly; None: nothing could judge it."""
         return self.proof.proved
+
+    @property
+    def added(self) -> str:
+        """What `bench add` takes."""
+        return next((shell_text(e) for e in reversed(self.model.effects) if e.name == self.effect), self.effect)
 
     @property
     def scored(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.analysis.diagnosis.proof import Proof
-from bench.analysis.effects.model import Model
+from bench.analysis.effects.model import Model, shell_text
 from bench.base import FloatArray, finite, with_uncertainty
 
 
@@ -47,7 +47,8 @@ class DescribedFormula:
     @property
     def added(self) -> str:
         """What `bench add` takes: the effects that it stands beside, then the formula."""
-        return " ".join([*self.beside, f"'{self.expression}'"])
+        own = {effect.name: shell_text(effect) for effect in self.model.effects}
+        return " ".join([*(own.get(name, name) for name in self.beside), f"'{self.expression}'"])
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `formulas`."""
@@ -83,7 +84,7 @@ def sentence(best: DescribedFormula) -> str:
     text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; {best.weighed})."
     unjudged = best.proof.falls is None
     text += f" No unseen data can judge it: {best.proof.unjudged}" if unjudged else f" With it {best.proof.words}"
-    text += f"; add it with bench add {best.added}."
+    text += "." if best.proof.falls is False else f"; add it with bench add {best.added}."
     if best.equivalent:
         text += f" These data cannot tell it from {' or '.join(best.equivalent[:2])}."
     return text + (f" Caution: {best.caution}." if best.caution else "")

@@ -41,7 +41,7 @@ from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS, TIE
-from bench.base import FloatArray, InputError, number, usual_workers
+from bench.base import FloatArray, InputError, listed, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
 _LEAST_INTERVALS = 12
@@ -72,14 +72,16 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     the noise floor of these means, read from finer rows (NaN: not known); None reads it from these rows. `surface` are
     two channels over which what is left is shown in cells. `workers` processes share the work, by default those of
     `usual_workers`; the answer is the same for any number.
-    Raises InputError: no run, runs of several units, a run given twice, sisters without `static`, or the model cannot
-    be fitted.
+    Raises InputError: no run, runs of several units, a run given twice, sisters without `static`, a rate that is the
+    same in every row, or the model cannot be fitted.
     """
     if sisters and static is None:
         raise InputError(SISTERS_ALONE)
     own = () if static is None else (static,)
     refuse_mixed((*runs, *check, *own))
     refuse_twice((*sisters, *own))
+    for given in (runs, *([run] for run in (*check, *own, *sisters))):
+        _refuse_stuck(given)
     with one_blas_thread():
         case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
         if surface:
@@ -116,7 +118,6 @@ class _Case:
             notes.append(f"the model is meant for '{model.rows}' rows; for the diagnosis it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
-        _refuse_stuck(runs)
         fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
         kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in fit.residuals]
@@ -310,11 +311,11 @@ class _Case:
 
 
 def _refuse_stuck(runs: Sequence[Dataset]) -> None:
-    """InputError where the rate is the same in every row."""
+    """InputError where the rate of these runs is the same in every row."""
     rates = np.concatenate([run.channel("rate") for run in runs])
     known = rates[np.isfinite(rates)]
     if known.size and np.ptp(known) == 0.0:
-        text = f"rate is {known[0]:.6g} deg/h in every row: no gyro is so quiet"
+        text = f"{listed([run.name for run in runs])}: rate is {known[0]:.6g} deg/h in every row: no gyro is so quiet"
         raise InputError(f"{text}; is it the right column, and did the unit still measure?")
 
 

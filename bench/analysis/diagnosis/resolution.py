@@ -75,6 +75,7 @@ def resolution(runs: Sequence[Dataset], slope: FloatArray, white_dph: float) -> 
     """
     rate = max((run.rate_step for run in runs), default=0.0)
     temperature = max((run.temperature_step for run in runs if "temperature" in run.channels), default=0.0)
-    undithered = float(np.exp(-2.0 * (np.pi * white_dph / rate) ** 2)) if rate else 0.0
+    own = max(white_dph**2 - rate**2 / 12.0, 0.0)  # without the error of rounding, which is part of what is measured
+    undithered = float(np.exp(-2.0 * np.pi**2 * own / rate**2)) if rate else 0.0
     steep = float(np.sqrt(np.nanmean(slope**2))) if np.isfinite(slope).any() else 0.0
     return Resolution(rate, rate / _ROUND * undithered, temperature, steep * temperature / _ROUND)

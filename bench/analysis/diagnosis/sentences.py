@@ -80,7 +80,8 @@ def _suspected(answer: Diagnosis) -> str:
     for suspect in answer.found:
         words = f"adding it was not possible: {suspect.reason}" if suspect.reason else suspect.proof.words
         parts += [f"{_capital(suspect.effect)}: {words}.", *_alike(suspect)]
-    parts.append("Record another run and give it as --check before adding anything.")
+    if not answer.check:
+        parts.append("Record another run and give it as --check before adding anything.")
     return " ".join([*parts, *_further(answer)])
 
 
@@ -152,7 +153,8 @@ def _nearest(answer: Diagnosis) -> str:
 
 
 def _named(suspect: SuspectedEffect) -> str:
-    values = [_measured(name, value) for name, value in suspect.parameters.items()]
+    chosen = [f"{name}: {value}" for name, value in suspect.options.items() if isinstance(value, str)]
+    values = [*chosen, *(_measured(name, value) for name, value in suspect.parameters.items())]
     return f"{suspect.effect} ({', '.join(values)})" if values else suspect.effect
 
 

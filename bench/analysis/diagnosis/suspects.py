@@ -282,7 +282,9 @@ def resolved(layout: Layout, floor_dph: float) -> Layout:
     near = np.diff(layout.problem.time_s) < 1.5 * layout.problem.interval_s
     steps = np.diff(layout.problem.y)[near]
     white = float(np.median(np.abs(steps - np.median(steps)))) * 1.4826 / np.sqrt(2.0) if steps.size else 0.0
-    found = resolution(layout.rows.records, layout.steepness, white)
+    # The steps are those of the finest rows that there are, whose noise is larger.
+    rows = max(run.interval_s / run.finer.record.interval_s if run.finer else 1.0 for run in layout.rows.records)
+    found = resolution(layout.rows.records, layout.steepness, white * float(np.sqrt(rows)))
     return replace(layout, resolution=found) if found.matters(floor_dph) else layout
 
 

@@ -88,6 +88,12 @@ def entry_text(effect: Effect) -> str:
     return entry if isinstance(entry, str) else json.dumps(entry)  # double quotes: a shell takes it in single ones
 
 
+def shell_text(effect: Effect) -> str:
+    """An effect as a command takes it: its name, or its entry in quotes where it has options."""
+    text = entry_text(effect)
+    return text if text == effect.name else f"'{text}'"
+
+
 def effect_from(text: str) -> Effect:
     """Effect of a name, a line of YAML as `entry_text` writes it, or the formula of a term of one's own.
 

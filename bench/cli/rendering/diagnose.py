@@ -113,9 +113,10 @@ def _formulas(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
     if diagnosis.formulas:
         rows = [(f"  {f.formula}", f"{f.evidence:.1f}", number(f.held_out_rms_dph)) for f in diagnosis.formulas]
         yield table(("Formulas", ">evidence", ">held-out"), rows)
-        added = f"bench add {diagnosis.formulas[0].added} --model MODEL --out better.yaml"
-        yield f"  add the first with: {added}"
-        yield "  and see the error fall with: bench compare RUN --check CHECK --model MODEL --model better.yaml"
+        if diagnosis.formulas[0].proof.falls is not False:
+            added = f"bench add {diagnosis.formulas[0].added} --model MODEL --out better.yaml"
+            yield f"  add the first with: {added}"
+            yield "  and see the error fall with: bench compare RUN --check CHECK --model MODEL --model better.yaml"
         yield ""
 
 

@@ -107,7 +107,8 @@ def headlines(analysis: Analysis) -> tuple[Headline, ...]:
         more = f"RMS of {best.model.name}{ratio}; {number(best.rms_dph)} deg/h in-sample"
         numbers.append(Headline(what, number(best.held_out.rms_dph if proven else best.rms_dph), "deg/h", more))
     known = bool(np.isfinite(floor_dph))
-    more = f"of {analysis.interval_s:g} s means, from the soaks of the run" if known else "unknown: no usable soak"
+    source = "from the isothermal run" if analysis.floor.static else "from the soaks of the run"
+    more = f"of {analysis.interval_s:g} s means, {source}" if known else "unknown: no usable soak"
     numbers.append(Headline("noise floor", number(floor_dph), "deg/h", more))
     turned = len(standing(analysis.dataset)) < len(analysis.dataset)
     more = f"highest minus lowest; {number(analysis.uncompensated_dph)} deg/h RMS uncompensated"

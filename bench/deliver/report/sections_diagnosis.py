@@ -77,7 +77,7 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
     # An effect that is only similar to the unknown one must not be added.
     for i, suspect in enumerate(answer.found if answer.verdict == "missing_effect" else (), 1):
         out = f"better{i}.yaml"
-        lines.append(f"bench add {suspect.effect} --model {model} --out {out}")
+        lines.append(f"bench add {suspect.added} --model {model} --out {out}")
         model = out
     parts = Markup()
     if answer.next_experiment:

@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bench.analysis import LOST, Analysis, Completeness, branch_gap
-from bench.base import clock, moment, number
+from bench.base import clock, counted, moment, number
 from bench.deliver.report import figures_run
 from bench.deliver.report.markup import Row, Section, facts, figure, heading, mono, paragraph, table, text_of
 from bench.record import EVENTS, earth_told, read_events
@@ -84,7 +84,7 @@ def noise(analysis: Analysis) -> Section | None:
         low, high = noise_found.intervals.get(name, (float("nan"), float("nan")))
         value = f"below {number(high, 2)}" if name in noise_found.undetermined else number(getattr(noise_found, name))
         rows.append((letter, meaning, value, f"{number(low)} to {number(high)}", unit))
-    spans = f"{len(floor.stretches)} isothermal spans{f' of the run {floor.static}' if floor.static else ''}"
+    spans = f"{counted(len(floor.stretches), 'isothermal span')}{f' of the run {floor.static}' if floor.static else ''}"
     words = (
         f"Means over {analysis.interval_s:g} s of a run this long scatter by {number(floor.floor_dph)} deg/h "
         f"({number(floor.interval_dph[0])} to {number(floor.interval_dph[1])}) about their own mean from noise alone: "

@@ -37,7 +37,7 @@ function missing(found) {
     ...proved.flatMap((one) => [t("workbench.say.proof", { effect: effectWord(one.effect), ...errors(one) }), ...alike(one)]),
     ...(doubtful.length ? [t("workbench.say.suspected", { effects: list(doubtful) })] : []),
     ...doubtful.flatMap((one) => [doubt(one), ...alike(one)]),
-    ...(proved.length ? [] : [t("workbench.say.record")]),
+    ...(proved.length || found.check?.length ? [] : [t("workbench.say.record")]),
     ...(judged.length > 1 ? [t("workbench.say.several")] : []),
     ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.small", { where: where(place) })),
   ];
