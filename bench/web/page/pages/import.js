@@ -31,7 +31,7 @@ function Drop({ kinds, take, refused }) {
       onDrop=${(event) => { drag(false)(event); given(event.dataTransfer.files); }}>
     ${ARROW}<h2>${t("import.drop")}</h2>
     <p class="soft">${t("import.kinds", { kinds: kinds.endings.join(" "), most: bytes(kinds.most_bytes) })}</p>
-    <input ref=${input} type="file" multiple hidden accept=${[...kinds.endings, ".dbc"].join(",")} onChange=${(event) => asGiven(event.target.files)} aria-label=${t("import.choose")} />
+    <input ref=${input} type="file" multiple hidden accept=${[...kinds.endings, ".dbc"].join(",")} onChange=${(event) => given(event.target.files)} aria-label=${t("import.choose")} />
     <button type="button" class="primary" onClick=${() => input.current.click()}>${t("import.choose")}</button>
     <p class="small soft">${t("import.dbc")}</p>
     <${Trouble} error=${refused} />
