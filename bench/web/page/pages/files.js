@@ -108,7 +108,7 @@ function File({ kind, id, stations, saved }) {
         <${Findings} findings=${findings} lines />
       </div>
     </div>
-    ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}, ${t("doctor.title")}</a></p>`}
+    ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}</a></p>`}
   </form>`;
 }
 
