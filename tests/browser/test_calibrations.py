@@ -33,7 +33,7 @@ def fill_in_papers(page, touch):
     for label, text in (("Instrument (", "chamber sensor"), ("Serial number", "P-1"), ("Valid until", "2999-12-31"),
                         ("Uncertainty", "0.1")):  # fmt: skip
         page.locator("fieldset").get_by_label(label).fill(text)
-    page.locator("fieldset").get_by_label("Unit of it").select_option("degC")
+    page.locator("fieldset").get_by_label("Unit of the uncertainty").select_option("degC")
     save("Save Reference equipment")
     page.get_by_text("Saved.").nth(1).wait_for()
 
@@ -125,7 +125,7 @@ def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page.get_by_role("button", name="Abort the run").tap()
     page.get_by_text("It can go on from there").wait_for()
     picture(page, "calibration-aborted-tablet")
-    page.get_by_role("button", name="Go on").tap()
+    page.get_by_role("button", name="Continue").tap()
     page.get_by_role("progressbar").wait_for()
     page.get_by_role("button", name="Abort …").tap()
     page.get_by_role("button", name="Abort the run").tap()

@@ -352,7 +352,7 @@ def test_two_runs_are_compared(page, visitors, address):
     page.reload()
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     told = page.locator(".wb-compare").text_content()
-    assert "done, " in told
+    assert "Done, " in told
     assert not re.search(r"duration s|\^2", told)
     for locale, said in (("zh-CN", "变温至"), ("uk", "рампа до")):
         other = visitors.come(address, locale=locale)

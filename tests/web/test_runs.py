@@ -160,6 +160,13 @@ def test_the_best_model_on_unseen_data_speaks_for_a_run_and_limits_for_its_verdi
     assert (entry.verdict, entry.rms_dph, entry.held_out_rms_dph, entry.floor_dph) == ("PASS", 0.1, 0.15, 0.1)
 
 
+def test_a_run_without_a_manifest_began_when_its_folder_says(tmp_path: Path, kept: Path) -> None:
+    for name in ("20261127T011511Z_short", "trial"):
+        (tmp_path / "A" / name / "journal").mkdir(parents=True)
+    begun = {name: entry.start for name, entry in Index(tmp_path, kept, Clock()).entries().items()}
+    assert begun == {"A/20261127T011511Z_short": "2026-11-27T01:15:11+00:00", "A/trial": ""}
+
+
 def test_a_live_run_is_running_and_a_killed_one_unfinished(tmp_path: Path, kept: Path) -> None:
     children = [subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) for _ in range(2)]
     for name, child in zip(("live", "killed"), children, strict=True):

@@ -321,6 +321,7 @@ def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:
         "three such runs decide with a probability of 99\xa0%.",
     ]
     assert "No profile within the limits of the chamber can tell them apart" in english[1][0]
+    assert "such runs" not in english[1][0], "no run was named before"
 
 
 def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() -> None:

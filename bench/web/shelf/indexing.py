@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
@@ -26,7 +27,7 @@ from bench.record import ComparisonRecord, LimitsRecord, Manifest, VerificationR
 from bench.web.ground.problems import NotFoundError
 from bench.web.live.finding import inside
 
-FILE, FORMAT = "runs.json", 2
+FILE, FORMAT = "runs.json", 3
 RUNNING, UNFINISHED, DAMAGED = "running", "unfinished", "damaged"
 LOOK_S = 1.0
 """A look at the disk is good for so long [s]."""
@@ -170,9 +171,8 @@ def _folders(root: Path) -> Iterator[tuple[str, str, int]]:
 def _read(id_: str, path: str, stamp: int) -> Entry | None:
     """What a folder says; None where it is none of a run."""
     unit, _, name = id_.partition("/")
-    entry = Entry(
-        id_, unit, name.partition("_")[2], "", UNFINISHED, "", None, None, None, None, False, False, changed=stamp
-    )
+    plan, begun = name.partition("_")[2], _begun(name)
+    entry = Entry(id_, unit, plan, begun, UNFINISHED, "", None, None, None, None, False, False, changed=stamp)
     live = live_at(path)
     if live is not None and process_alive(live.file.pid):
         entry = replace(entry, state=RUNNING)
@@ -195,6 +195,13 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
         )
     except InputError:  # one damaged file is one damaged run; the run's own page says which file, and what to do
         return replace(entry, state=DAMAGED)
+
+
+def _begun(name: str) -> str:
+    """When a run without a manifest began, as its folder is named; empty where it is named otherwise."""
+    with contextlib.suppress(ValueError):
+        return datetime.strptime(name.partition("_")[0], "%Y%m%dT%H%M%S%z").isoformat()
+    return ""
 
 
 def _judged(path: str) -> dict[str, Any]:

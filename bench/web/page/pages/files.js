@@ -6,7 +6,7 @@ import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { limitsName, planTitle, stationName } from "../lib/names.js";
-import { duration, sign, t } from "../lib/words.js";
+import { duration, t } from "../lib/words.js";
 import { Findings } from "./start/ready.js";
 import { useGet } from "./stock/parts.js";
 
@@ -108,7 +108,7 @@ function File({ kind, id, stations, saved }) {
         <${Findings} findings=${findings} lines />
       </div>
     </div>
-    ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}${sign(", ")}${t("doctor.title")}</a></p>`}
+    ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}</a></p>`}
   </form>`;
 }
 

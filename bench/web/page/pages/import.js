@@ -41,7 +41,7 @@ function Drop({ kinds, take, refused }) {
 /** Uploads that were neither imported nor given up. */
 function Waiting({ kinds, goOn, giveUp }) {
   if (!kinds.waiting.length) return null;
-  return html`<section class="panel stack" aria-labelledby="waiting"><h2 id="waiting">${t("import.waiting", { n: kinds.waiting.length, most: String(kinds.most_waiting) })}</h2>
+  return html`<section class="panel stack" aria-labelledby="waiting"><h2 id="waiting">${t("import.waiting", { n: kinds.waiting.length, most: kinds.most_waiting })}</h2>
     <ul class="findings">${kinds.waiting.map((one) => html`<li key=${one.import} class="row spread"><span><b>${one.file}</b> <span class="soft">${bytes(one.bytes)}${sign(", ")}${t("import.expires", { left: duration(one.left_s) })}</span></span>
       <span class="row"><button type="button" class="narrow" onClick=${() => goOn(one)}>${t("import.go_on")}<span class="unseen"> ${one.file}</span></button>
       <button type="button" class="narrow" onClick=${() => giveUp(one.import)}>${t("import.give_up")}<span class="unseen"> ${one.file}</span></button></span></li>`)}</ul></section>`;

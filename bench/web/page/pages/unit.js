@@ -56,6 +56,7 @@ function Calibration({ one, serial }) {
 
 function Memory({ unit }) {
   const held = unit.memory;
+  const own = unit.calibrations.find(({ status }) => status === "in_unit")?.run; // of a whole unit the folder beside it is written
   const failed = unit.writes[0]?.state === "failed" ? unit.writes[0] : null;
   return html`<section class="panel stack" aria-labelledby="memory"><h2 id="memory">${t("units.memory")}</h2>
     ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })}${sign(" ")}<${Said} text=${failed.error} /></p></div>`}
@@ -63,7 +64,7 @@ function Memory({ unit }) {
     ${held && html`<dl class="st-facts">
       <dt>${t("units.memory.id")}</dt><dd class="mono">${held.calibration_id}</dd>
       <dt>${t("units.memory.written")}</dt><dd>${moment(held.utc)}${sign(", ")}<${Said} text=${held.operator ?? "–"} /></dd>
-      <dt>${t("units.memory.of")}</dt><dd>${held.run ?? "–"}</dd>
+      <dt>${t("units.memory.of")}</dt><dd>${own ? html`<a href=${`/runs/${own}`}>${runTitle(own)}</a>` : held.run ? runTitle(held.run) : "–"}</dd>
       <dt>${t("units.memory.place")}</dt><dd>${t("units.memory.bank", { bank: held.bank, set: held.coefficient_set, words: held.words })}</dd>
       <dt>CRC</dt><dd class="mono">${held.crc}</dd>
       <dt>${t("units.memory.before")}</dt><dd class="mono">${held.before ?? t("units.memory.nothing")}</dd>

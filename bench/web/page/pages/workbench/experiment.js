@@ -33,14 +33,16 @@ export function Curve({ curve, label }) {
 /** `next`: `next_experiment` of a diagnosis. */
 export function NextExperiment({ next, unit }) {
   if (!next) return null;
+  const [before, after] = [next.probability_before, next.probability_after].map((share) => Math.round(100 * (share ?? 0)));
+  const known = next.probability_after !== null && next.probability_after !== undefined;
+  const none = known && !next.decides && after <= before;
   const rivals = next.separates.map(rival).join(" ⇄ ");
   return html`<section class="wb-card wb-next" aria-labelledby="wb-next-title">
     <h2 id="wb-next-title">${t("workbench.next.title")}</h2>
     <p class="wb-lead">⇄ ${t("workbench.next.cannot", { effects: rivals })}</p>
-    <p>${reasons(next).join(sign(" "))}</p>
-    <${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />
-    ${next.probability_after !== null && next.probability_after !== undefined && html`<p class="wb-soft">
-      ${t("workbench.next.chance", { before: Math.round(100 * (next.probability_before ?? 0)), after: Math.round(100 * next.probability_after) })}</p>`}
+    <p>${none ? t("workbench.next.none", { percent: String(before) }) : reasons(next).join(sign(" "))}</p>
+    ${!none && html`<${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />`}
+    ${known && !none && html`<p class="wb-soft">${t("workbench.next.chance", { before, after })}</p>`}
     ${next.plan && next.decides && html`<p><a class="button primary narrow" href=${`/start${api.query({ plan: next.plan, unit })}`}>${t("workbench.next.run")}</a></p>`}
   </section>`;
 }
