@@ -29,6 +29,8 @@ def seated(station: Document, units: Sequence[str]) -> tuple[Document, list[str]
         if slot not in known:
             raise InputError(f"no slot '{slot}' for unit '{new}'{nearest_or_all(slot, known)}", station.file)
         _refuse_wrong(new, slot, {*known} - {slot}, station)
+        if moved.get(slot, new) != new:
+            raise InputError(f"'{moved[slot]}' and '{new}' are both in slot '{slot}': one unit stands in a slot")
         serials.append(new)
         if new != slot:
             moved[slot] = new

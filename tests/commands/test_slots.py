@@ -78,3 +78,9 @@ def test_the_same_new_unit_in_the_same_slot_is_the_same_job(tmp_path):
     assert (one.serial, one.digest()) == ("GX-0815", again.digest())
     assert len({order.digest() for order in (one, other, known)}) == 3
     assert Order.load(plan, None, "GX-0815@SIM-0001", tmp_path).digest() != one.digest()
+
+
+def test_two_units_in_one_slot_are_refused_by_the_slot(tmp_path):
+    station = PROFILES / "stations" / "four_units.yaml"
+    with pytest.raises(InputError, match="'A-78' and 'A-77' are both in slot 'SIM-0001'"):
+        Order.load_all(PROFILES / "plans" / "quick.yaml", station, ["A-78@SIM-0001", "A-77@SIM-0001"], tmp_path)

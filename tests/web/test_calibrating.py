@@ -97,6 +97,15 @@ def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_ab
     }
 
 
+def test_the_check_of_a_calibration_refuses_what_its_start_would(settings):
+    with served(settings) as client:
+        asked = {"plan": "brief", "station": "bare", "unit": "GX-0815@BARE-1", "others": ["GX-0815@BARE-1"]}
+        job = client.post("/api/v1/calibrations/checks", json=asked).json()["job"]
+        answer = client.get(f"/api/v1/jobs/{job}?wait_s=20").json()
+        assert "named twice" in json.dumps(answer)
+        assert answer["state"] == "failed" or not answer["result"]["ok"]
+
+
 def test_calibrations_of_the_command_line_are_listed_too(settings):
     plan = settings.project / "profiles" / "plans" / "brief.yaml"
     station = settings.project / "profiles" / "stations" / "bare.yaml"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -45,6 +45,8 @@ class Intended(BaseModel):
     plan: Name
     station: Name = "simulated"
     unit: Name
+    others: list[Name] = Field(default=[], max_length=63)
+    """Further units, each in its slot: what is run is run once for all of them."""
 
 
 class Wanted(Intended):
@@ -58,8 +60,6 @@ class Wanted(Intended):
     """Wait until the station is free."""
     not_before: AwareDatetime | None = None
     """Begin then, or as soon after it as the station is free."""
-    others: list[Name] = Field(default=[], max_length=63)
-    """Further units, each in its slot: what is run is run once for all of them."""
 
 
 class Further(BaseModel):
@@ -133,7 +133,7 @@ class Calibrations(BaseModel):
 @router.post("/calibrations", status_code=202)
 def calibrate(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
     """Begin a calibration, or go on with it; 400 where the plan is wrong, 409 where another run uses the station."""
-    order = _order(wanted, here, named_by(who, wanted.operator, request), wanted.others)
+    order = _order(wanted, here, named_by(who, wanted.operator, request))
     return begun(replace(order, anew=wanted.anew, queue=wanted.queue, not_before=wanted.not_before), request)
 
 
@@ -142,7 +142,13 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
     """Request the check that every calibration begins with."""
     files = _files(intended, here)
     folders = {"out": str(here.out), "project": str(here.project)}
-    wanted = {"plan": str(files[0]), "station": str(files[1]), "unit": intended.unit, **folders}
+    wanted = {
+        "plan": str(files[0]),
+        "station": str(files[1]),
+        "unit": intended.unit,
+        "others": intended.others,
+        **folders,
+    }
     return submit(request, "check", "bench.web.plans.catalog:ordered", wanted)
 
 
@@ -233,10 +239,10 @@ def _files(intended: Intended, here: Settings) -> tuple[Path, Path]:
     return plan, named(known.stations(), intended.station, "station")
 
 
-def _order(intended: Intended, here: Settings, who: Who, others: Sequence[str] = ()) -> Order:
+def _order(intended: Intended, here: Settings, who: Who) -> Order:
     """What the process gets; InputError where a file is wrong, or a unit is not the station's."""
     plan, station = _files(intended, here)
-    units = [intended.unit, *others]
+    units = [intended.unit, *intended.others]
     orders = Calibration.load_all(plan, station, units, here.out)
     settings = station_of(orders[0].station_file())
     settings.chosen([order.serial for order in orders])

@@ -14,7 +14,7 @@ function merged(units, results) {
 
 async function checked({ plan, calibration, station, units }, options) {
   if (!calibration) return compute("/checks", { plan, station, units }, options);
-  return merged(units, await Promise.all(units.map((unit) => compute("/calibrations/checks", { plan: calibration, station, unit }, options))));
+  return merged(units, await Promise.all(units.map((unit) => compute("/calibrations/checks", { plan: calibration, station, unit, others: units.filter((one) => one !== unit) }, options))));
 }
 
 export function useCheck(order) {
