@@ -43,6 +43,20 @@ def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(site, vi
     assert page.get_by_role("heading", name="Certificate").count() == 0
 
 
+def test_a_report_on_a_verification_does_not_take_the_place_of_its_verdict(site, visitors):
+    address, out = site
+    folder = out / "SIM-0001" / "20261121T083000Z_check"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
+    (folder / "verification.json").write_text(json.dumps({"verdict": "FAIL", "rms_dph": 0.9}))
+    unproven = {"verdict": {"verdict": "unproven", "sentence": "No model could be fitted."}}
+    (folder / "calibration.json").write_text(json.dumps(unproven))
+    (folder / "limits.json").write_text(json.dumps({"name": "t", "verdict": "INVALID"}))
+    page = visitors.come(address)
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    page.get_by_role("heading", name="FAIL").wait_for()
+
+
 def test_the_longest_verdict_does_not_break_within_a_word_on_a_telephone(site, visitors):
     address, out = site
     folder = out / "SIM-0001" / "20261121T090000Z_ramp"

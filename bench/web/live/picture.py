@@ -34,6 +34,8 @@ class UnitVerdict(BaseModel):
     unit: str
     run: str = ""
     analysed: bool = False
+    verified: bool = False
+    """Whether it is the verdict of a verification, which has no report."""
     verdict: str | None
     sentence: str = ""
     limits: str | None = None

@@ -152,7 +152,9 @@ def _rank(unit: Mapping[str, Any]) -> int:
 
 def _verdict(folder: Path) -> dict[str, Any]:
     calibration, verified = sound(CalibrationRecord, folder), sound(VerificationRecord, folder)
-    judged = sound(LimitsRecord, folder) or verified
+    if verified is not None:  # whatever a report on it says: nothing is fitted to a unit that corrects itself
+        calibration = None
+    judged = verified or sound(LimitsRecord, folder)
     return {
         "unit": serial_of(folder),
         "run": f"{folder.parent.name}/{folder.name}",
@@ -160,6 +162,7 @@ def _verdict(folder: Path) -> dict[str, Any]:
         "sentence": calibration.verdict.sentence if calibration else verified.sentence if verified else "",
         "limits": judged.verdict if judged else None,
         "analysed": verified is not None or RunFolder(folder).report.is_file(),
+        "verified": verified is not None,
     }
 
 

@@ -120,7 +120,7 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
   ${units.map((unit, index) => html`<li key=${unit.unit} class=${`tone-${toneOf(words[index])}`}>
     <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
       ${unit.sentence && html`<span class="soft small"><${Said} text=${unit.sentence} /></span>`}
-      ${unit.run && unit.analysed && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
+      ${unit.run && unit.analysed && !unit.verified && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
         <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>
         <a class="small" href=${`/runs/${unit.run}`}>${t("run.open")}</a>`}</div>
   </li>`)}
