@@ -69,6 +69,18 @@ def test_what_was_not_measured_is_invalid_only_where_it_is_required():
     assert word(other, required=False) is None
 
 
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"upper": -0.5}, "residual_rms_dph is never below 0"),
+    ({"upper": 0.5, "marginal": 0.9}, "leave nothing to pass"),
+    ({"lower": 0.0, "upper": 1.0, "marginal": 0.5}, "leave nothing to pass"),
+])  # fmt: skip
+def test_a_limit_that_no_unit_can_pass_is_refused(changes, said):
+    with pytest.raises(ValueError, match=said):
+        limit(**changes)
+    assert limit(quantity="samples_lost", unit="1", upper=0.0).upper == 0.0
+    assert limit(quantity="scale_factor_error_ppm", unit="ppm", upper=-5.0, marginal=9.0).upper == -5.0
+
+
 def test_data_outside_a_limit_of_their_quality_say_nothing_of_the_unit():
     """A record that does not reach 83 degC is no unit to be put with the rejects, whatever else is wrong."""
     wide = limit(quantity="highest_temperature_degc", unit="degC", lower=83.0, upper=None)

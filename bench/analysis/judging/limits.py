@@ -22,7 +22,7 @@ import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from bench.analysis.judging.expressed import Expressed, Measurements, expressed
-from bench.analysis.judging.quantity import COVERAGE, MEANING, OF_DATA, Quantity, QuantityName
+from bench.analysis.judging.quantity import COVERAGE, MEANING, OF_DATA, SIGNED, Quantity, QuantityName
 from bench.base import STRICT, Document, InputError, PlacedError, load_config
 from bench.record import Verdict
 
@@ -86,9 +86,12 @@ class Limit(BaseModel):
         if self.lower is None and self.upper is None:
             raise ValueError(f"limit of {self.subject} has neither lower nor upper: give at least one")
         room = self.room
+        if self.quantity not in {None, *SIGNED} and self.upper is not None and self.upper < 0.0:
+            raise PlacedError(f"upper is {self.upper:g}: {self.subject} is never below 0", ("upper",))
         if not room > 0.0:
             raise ValueError(f"limit of {self.subject}: lower {self.lower:g} is not below upper {self.upper:g}")
-        if not 2.0 * self.marginal < room:
+        bands = (self.lower is not None) + (self.upper is not None)
+        if not bands * self.marginal < room:
             raise ValueError(f"limit of {self.subject}: marginal bands of {self.marginal:g} leave nothing to pass")
         return self
 
@@ -111,8 +114,11 @@ class Limit(BaseModel):
 
     @property
     def room(self) -> float:
-        """Upper less lower."""
-        return (np.inf if self.upper is None else self.upper) - (-np.inf if self.lower is None else self.lower)
+        """Upper less lower, or less zero where nothing is below it."""
+        least = -np.inf if self.quantity is None or self.quantity in SIGNED else 0.0
+        lower = least if self.lower is None else self.lower
+        # One that is to be zero, such as a count of what is lost, needs no room.
+        return np.inf if self.upper is None or self.upper == lower == least else self.upper - lower
 
 
 class Limits(BaseModel):

@@ -57,6 +57,12 @@ OF_DATA: frozenset[str] = frozenset(
 )
 """Quantities that describe the data, not the unit: outside its limits such a number says nothing of the unit."""
 
+SIGNED: frozenset[str] = frozenset(
+    {"scale_factor_error_ppm", "scale_factor_temperature_ppm_per_degc", "rate_ramp_dphh"}
+    | {"lowest_temperature_degc", "highest_temperature_degc"}
+)
+"""Quantities that may be below zero; the others are sizes or counts."""
+
 MEANING: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "bias_span_dph": ("deg/h", "bias over temperature, highest less lowest"),
