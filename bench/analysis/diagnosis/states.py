@@ -124,8 +124,8 @@ def _hops(ranges: Ranges) -> list[Block]:
     """What grows with the temperature, or one that lags, and jumps back at every so many degrees."""
     low, high = ranges.temperature
     span = high - low
-    steps = [span / count for count in (2.0, 2.6, 3.4, 4.5, 6.0, 8.0, 10.6, 14.0)]
-    tried = tuple((low + phase * step, step) for step in steps for phase in (0.0, 0.25, 0.5, 0.75))
+    steps = span / np.arange(2.0, 14.1, 0.5)  # evenly in their number, as the lines of a spectrum
+    tried = tuple((low + phase * step, step) for step in steps.tolist() for phase in (0.0, 0.25, 0.5, 0.75))
     bounds = (("at", (low, high)), ("step", (0.02 * span, 0.6 * span)))
     words = "what jumps back at every so many degrees"
     late = Block("sawtooth((lag(temperature, {tau_s}) - {at})/{step})", f"{words} of a temperature that lags", "",
