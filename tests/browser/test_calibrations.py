@@ -31,7 +31,7 @@ def fill_in_papers(page, touch):
     save("Save Laboratory")
     page.get_by_text("Saved.").wait_for()
     for label, text in (("Instrument (", "chamber sensor"), ("Serial number", "P-1"), ("Valid until", "2999-12-31"),
-                        ("Uncertainty", "0.1")):  # fmt: skip
+                        ("Uncertainty (k = 2)", "0.1")):  # fmt: skip
         page.locator("fieldset").get_by_label(label).fill(text)
     page.locator("fieldset").get_by_label("Unit of the uncertainty").select_option("degC")
     save("Save Reference equipment")
