@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench import acquisition, analysis, deliver, record
-from bench.base import BenchError, InputError, user_name
+from bench.base import BenchError, InputError, counted, user_name
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven, write
 from bench.commands.results.analyse import (
@@ -128,9 +128,17 @@ def recovered(paths: Sequence[Path], output: str | None = None) -> list[record.D
 
 
 def usual_means(seconds: Sequence[record.Dataset]) -> list[record.Dataset]:
-    """Means over the usual interval, of 1 s means; where rows of a run are further apart, over their distance."""
+    """Means over the usual interval, of 1 s means; where rows of a run are further apart, over their distance.
+
+    InputError where a run is shorter than half of one.
+    """
     interval_s = max([record.DEFAULT_INTERVAL_S, *(run.spacing_s for run in seconds)])
-    return [record.averaged(run, interval_s) for run in seconds]
+    means = [record.averaged(run, interval_s) for run in seconds]
+    for run, mean in zip(seconds, means, strict=True):
+        if len(run) and not len(mean):
+            rows = counted(len(run), "row")
+            raise InputError(f"{run.name}: {rows} of 1 s are too few for a mean over {interval_s:g} s: record more")
+    return means
 
 
 def report_on(  # noqa: PLR0913, PLR0917 - options of one command

@@ -211,3 +211,10 @@ def test_all_axes_and_thermometers_of_a_table_become_one_run(tmp_path):
     assert data["acceleration_z"] == pytest.approx(9.80665 * columns["acc_z (g)"])
     assert data["temperature_2"] == pytest.approx(degc + 1.0)
     assert [each.manifest().output for each in apart(run)] == ["rate_x", "rate_y", "rate_z"]
+
+
+def test_a_log_that_is_shorter_than_a_mean_says_so(tmp_path):
+    body = "".join(f"{i},1.{i},20\n" for i in range(10))
+    run = write_import(imported(write(tmp_path, f"time_s,rate_dph,temp_C\n{body}")), tmp_path / "reports").path
+    with pytest.raises(InputError, match="10 rows of 1 s are too few for a mean over 30 s"):
+        usual_means([load(run, 1.0)])

@@ -11,6 +11,7 @@ import pytest
 from bench.analysis.diagnosis.decision import explains
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.proof import Proof
+from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.record.dataset import Dataset
@@ -76,3 +77,16 @@ def test_what_follows_the_clock_of_one_run_is_proved_only_where_it_repeats_in_it
     assert best.held_out_rms_dph < 0.08
     assert (answer.verdict, answer.proved, best.proof.proved) == ("unknown_effect", proved, proved)
     assert ("only another run can tell whether it repeats" in answer.sentence) is not proved
+
+
+def test_what_was_found_beside_a_drift_is_told_with_its_proof():
+    """The table below the sentence names it: the catalogue explains that part."""
+    jump = SimpleNamespace(
+        effect="bias_jump", options={}, parameters={}, scored=True, proof=FALLS, removes=np.nan, proved=True
+    )
+    answer = SimpleNamespace(
+        verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="the run drifts", found=(jump,), nearest=""
+    )
+    text = sentence(answer, drifts=True)
+    assert text.startswith("Beside bias_jump the model lacks something")
+    assert "Adding bias_jump lowers the error on legs left out from 1.60 to 1.10" in text

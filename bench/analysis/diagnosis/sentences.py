@@ -126,7 +126,9 @@ def _unknown(answer: Diagnosis, drifts: bool) -> tuple[str, list[str]]:
     """That the model lacks something, and what of the catalogue comes near to it."""
     rest = answer.unexplained
     if drifts and not rest and answer.noise_finding:
-        return f"The model lacks something that the catalogue does not explain: {answer.noise_finding}.", []
+        known = f"Beside {listed([_named(suspect) for suspect in answer.found])} the" if answer.found else "The"
+        proofs = [_proof(suspect) for suspect in answer.found if suspect.scored]
+        return f"{known} model lacks something that the catalogue does not explain: {answer.noise_finding}.", proofs
     if answer.nearest:
         return f"{_LACKS}.", [_nearest(answer)]
     place = f": a misfit {_where(rest[0])}" if rest else ""
