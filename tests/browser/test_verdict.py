@@ -1,8 +1,12 @@
 """The verdict's page: its words before, with and without an analysis, of verifications and of several units."""
 
 import json
+import re
 
 import pytest
+
+from bench.web.people import people
+from tests.support.bench_project import bench_over
 
 
 def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(site, visitors):
@@ -145,3 +149,22 @@ def test_a_telephone_shows_the_verdict_on_each_quantity_without_scrolling_sidewa
         quantity, verdict = (row.locator(f":scope > :{place}-child").bounding_box() for place in ("first", "last"))
         assert abs(verdict["y"] - quantity["y"]) < 2, "beside the quantity"
         assert verdict["x"] + verdict["width"] <= 360
+
+
+def test_who_may_not_use_the_workbench_is_not_led_to_it(tmp_path, project, visitors):
+    access = tmp_path / "access.yaml"
+    tokens = {role: people.add_person(access, role, role) for role in ("operator", "engineer")}
+    folder = tmp_path / "out" / "SIM-0001" / "20261121T060000Z_ramp"
+    folder.mkdir(parents=True)
+    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
+    (folder / "calibration.json").write_text(json.dumps({"verdict": {"verdict": "adequate", "sentence": "Good."}}))
+    (folder / "report.html").write_text("")
+    with bench_over(tmp_path / "out", project, "--access", str(access), token=tokens["engineer"]) as bench:
+        for role, led in (("operator", 0), ("engineer", 2)):
+            page = visitors.come(bench.site.address)
+            page.goto(f"/verdict/SIM-0001/{folder.name}")
+            page.get_by_label("Token").fill(tokens[role])
+            page.keyboard.press("Enter")
+            page.get_by_role("heading", name="ADEQUATE").wait_for()
+            assert page.get_by_role("link", name=re.compile("workbench", re.IGNORECASE)).count() == led
+            page.context.close()

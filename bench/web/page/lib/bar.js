@@ -12,7 +12,7 @@ const PAGES = [
   ["/", "nav.start", "operator"],
   ["/live", "nav.live", "viewer"],
   ["/calibrations", "nav.calibrations", "viewer"],
-  ["/workbench", "nav.workbench", "viewer"],
+  ["/workbench", "nav.workbench", "engineer"],
   ["/units", "nav.units", "viewer"],
   ["/fleet", "nav.fleet", "viewer"],
   ["/import", "nav.import", "engineer"],

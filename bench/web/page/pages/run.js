@@ -161,8 +161,8 @@ export default function Run({ params }) {
     <p class="mono small soft">${run.run}</p>
     ${run.sentence && html`<p><${Said} text=${run.sentence} /></p>`}
     <p class="row">${run.report && html`<a class="button" href=${`/api/v1${path}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
-      <a class="button" href=${`/workbench?run=${link}`}>${t("verdict.workbench")}</a>
-      <a class="button" href=${`/workbench?run=${link}&compare=`}>${t("run.compare")}</a></p>
+      ${may("engineer") && html`<a class="button" href=${`/workbench?run=${link}`}>${t("verdict.workbench")}</a>
+      <a class="button" href=${`/workbench?run=${link}&compare=`}>${t("run.compare")}</a>`}</p>
     ${!run.calibration && html`<p>${t("run.no_calibration")}${sign(" ")}${run.verifies && html`<a href=${`/runs/${run.verifies}`}>${t("run.verifies")}</a> `}<a href=${`/api/v1${path}/data.csv`} download>${t("run.means")}</a></p>`}
     <div class="run-parts">
       ${run.calibration && html`${!ofLot(run) && html`<${Certificate} path=${path} run=${run} again=${again} />`}<${Export} path=${path} />

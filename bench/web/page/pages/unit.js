@@ -3,6 +3,7 @@ import { html, useState } from "../lib/preact.js";
 import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
+import { may } from "../lib/store.js";
 import { asGiven, duration, effectWord, moment, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
@@ -102,7 +103,7 @@ function Runs({ unit }) {
       <td class="whole">${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
       <td><${Outcome} run=${run} />${run.cause && run.state !== "done" && html`<div class="small soft"><${Said} text=${run.cause} /></div>`}</td>
       <td>${duration(run.duration_s)}</td><td class="wide" title=${run.station}>${stationName(run.station) ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
-      <td class="whole"><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> <a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>
+      <td class="whole"><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> ${may("engineer") && html`<a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>`}
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
     </tr>`)}</tbody></table></div>`;
 }

@@ -120,8 +120,8 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
   ${units.map((unit, index) => html`<li key=${unit.unit} class=${`tone-${toneOf(words[index])}`}>
     <${Shape} tone=${toneOf(words[index])} /><div><b class="mono">${unit.unit}</b><strong>${t(`verdict.${words[index]}`)}</strong>
       ${unit.sentence && html`<span class="soft small"><${Said} text=${unit.sentence} /></span>`}
-      ${unit.run && unit.analysed && !unit.verified && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>
-        <a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>
+      ${unit.run && unit.analysed && html`${!unit.verified && html`<a class="small" href=${`/api/v1/runs/${unit.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
+        ${may("engineer") && html`<a class="small" href=${workbench(unit)}>${t("verdict.workbench")}</a>`}
         <a class="small" href=${`/runs/${unit.run}`}>${t("run.open")}</a>`}</div>
   </li>`)}
 </ul>`;
@@ -188,7 +188,7 @@ function Ways({ units, run, reported }) {
     ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
     ${written && reported && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
-    ${written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
+    ${may("engineer") && written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${`/runs/${one.run}`}>${t("run.open")}</a>`}
     ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}
   </div>`;
