@@ -196,8 +196,8 @@ def _rehearsed(profile: Profile, file: Document, taken: Sequence[str]) -> dict[s
 
 def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """The check that a calibration begins with, in a computing process; `begun` is the job that it would go on with."""
-    files, units = (Path(wanted[key]) for key in ("plan", "station")), [wanted["unit"], *wanted["others"]]
-    order, *others = Order.load_all(*files, units, Path(wanted["out"]))
+    units = [wanted["unit"], *wanted["others"]]
+    order, *others = Order.load_all(Path(wanted["plan"]), Path(wanted["station"]), units, Path(wanted["out"]))
     station_of(order.station_file()).chosen([one.serial for one in (order, *others)])
     profiles = [load_profile(order.document(name)) for name in order.profiles()]
     job = JobFile.newest(order.out / slug(order.serial), order.digest())
