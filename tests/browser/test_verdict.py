@@ -12,7 +12,7 @@ from tests.support.bench_project import bench_over
 def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(site, visitors):
     address, out = site
     folder = out / "SIM-0001" / "20261121T060000Z_ramp"
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
     page = visitors.come(address)
     page.goto("/verdict/SIM-0001/20261121T060000Z_ramp")
@@ -31,6 +31,9 @@ def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(site, vi
     folder = out / "SIM-0001" / "20261121T080000Z_check"
     folder.mkdir(parents=True)
     (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
+    origin = out / "SIM-0001" / "20261121T060000Z_ramp"
+    origin.mkdir(exist_ok=True)
+    (origin / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
     verified = {
         "verdict": "MARGINAL", "rms_dph": 0.1318, "over_floor": 1.21, "calibration_run": "20261121T060000Z_ramp",
         "rule": "RMS of the corrected rate at most 1.2 times the noise floor",
