@@ -9,11 +9,18 @@ from bench.web.people import people
 from tests.support.bench_project import bench_over
 
 
+def ended(out, name):
+    """Folder of a run of SIM-0001 that ended as planned."""
+    folder = out / "SIM-0001" / name
+    folder.mkdir(parents=True, exist_ok=True)
+    manifest = {"state": "done", "cause": "profile done", "unit": "SIM-0001"}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
 def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(site, visitors):
     address, out = site
-    folder = out / "SIM-0001" / "20261121T060000Z_ramp"
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
+    folder = ended(out, "20261121T060000Z_ramp")
     page = visitors.come(address)
     page.goto("/verdict/SIM-0001/20261121T060000Z_ramp")
     page.get_by_role("heading", name="NOT ANALYSED").wait_for()
@@ -28,12 +35,8 @@ def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(site,
 
 def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(site, visitors):
     address, out = site
-    folder = out / "SIM-0001" / "20261121T080000Z_check"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
-    origin = out / "SIM-0001" / "20261121T060000Z_ramp"
-    origin.mkdir(exist_ok=True)
-    (origin / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
+    folder = ended(out, "20261121T080000Z_check")
+    ended(out, "20261121T060000Z_ramp")
     verified = {
         "verdict": "MARGINAL", "rms_dph": 0.1318, "over_floor": 1.21, "calibration_run": "20261121T060000Z_ramp",
         "rule": "RMS of the corrected rate at most 1.2 times the noise floor",
@@ -52,9 +55,7 @@ def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(site, vi
 
 def test_a_report_on_a_verification_does_not_take_the_place_of_its_verdict(site, visitors):
     address, out = site
-    folder = out / "SIM-0001" / "20261121T083000Z_check"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
+    folder = ended(out, "20261121T083000Z_check")
     (folder / "verification.json").write_text(json.dumps({"verdict": "FAIL", "rms_dph": 0.9}))
     unproven = {"verdict": {"verdict": "unproven", "sentence": "No model could be fitted."}}
     (folder / "calibration.json").write_text(json.dumps(unproven))
@@ -66,9 +67,7 @@ def test_a_report_on_a_verification_does_not_take_the_place_of_its_verdict(site,
 
 def test_the_longest_verdict_does_not_break_within_a_word_on_a_telephone(site, visitors):
     address, out = site
-    folder = out / "SIM-0001" / "20261121T090000Z_ramp"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done"}))
+    folder = ended(out, "20261121T090000Z_ramp")
     page = visitors.come(address, size={"width": 360, "height": 780}, locale="uk-UA")
     page.goto(f"/verdict/SIM-0001/{folder.name}")
     word = page.get_by_role("heading", name="НЕ ПРОАНАЛІЗОВАНО")
@@ -157,9 +156,7 @@ def test_a_telephone_shows_the_verdict_on_each_quantity_without_scrolling_sidewa
 def test_who_may_not_use_the_workbench_is_not_led_to_it(tmp_path, project, visitors):
     access = tmp_path / "access.yaml"
     tokens = {role: people.add_person(access, role, role) for role in ("operator", "engineer")}
-    folder = tmp_path / "out" / "SIM-0001" / "20261121T060000Z_ramp"
-    folder.mkdir(parents=True)
-    (folder / "manifest.json").write_text(json.dumps({"state": "done", "cause": "profile done", "unit": "SIM-0001"}))
+    folder = ended(tmp_path / "out", "20261121T060000Z_ramp")
     (folder / "calibration.json").write_text(json.dumps({"verdict": {"verdict": "adequate", "sentence": "Good."}}))
     (folder / "report.html").write_text("")
     with bench_over(tmp_path / "out", project, "--access", str(access), token=tokens["engineer"]) as bench:

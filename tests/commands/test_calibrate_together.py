@@ -50,7 +50,7 @@ class Recorded:
     name = "run"
 
     def do(self, order, job):
-        run, _ = recorded(order, job, self.name, order.plan.profile, "off", {})
+        run = recorded(order, job, self.name, order.plan.profile, "off", {})
         return Done(str(run.path))
 
 

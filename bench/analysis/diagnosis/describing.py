@@ -45,10 +45,7 @@ _LIKE = (
     ("lag(tanh((temperature", "like a change of state at one temperature that takes its time"),
     ("/(1 + ((frequency", "like a mode of the package that the frequency of the drive meets"),
     ("sawtooth(", "like a correction in steps of temperature, a converter, or a light source that hops between modes"),
-    (
-        "above(chamber_temperature - lag(chamber_temperature",
-        "like the chamber's heater: its current or its field",
-    ),
+    ("above(chamber_temperature - lag(chamber_temperature", "like the chamber's heater: its current or its field"),
     ("above(lag(chamber_temperature", "like the chamber's cooling: its compressor or its valve"),
     ("lag(sign(", "like solder or glue that yields by a power of the stress, and recovers"),
     ("play((chamber_temperature", "like a hinge, a duct or a cable with play between chamber and unit"),

@@ -38,7 +38,7 @@ def states(ranges: Ranges) -> list[Block]:
         _turned(ranges, "temperature", "temperature"),
         *_fading(ranges),
         *_hops(ranges),
-        _yielding(ranges, "dT_dt", "dT/dt"),
+        _yielding(ranges),
     ]
     if ranges.gap:
         blocks += [
@@ -134,12 +134,11 @@ def _hops(ranges: Ranges) -> list[Block]:
     return [Block("sawtooth((temperature - {at})/{step})", words, "", bounds, tried, places=1), late]
 
 
-def _yielding(ranges: Ranges, driver: str, called: str) -> Block:
+def _yielding(ranges: Ranges) -> Block:
     """A strain that yields by a power of the stress, as Norton's law has it for solder, and recovers."""
     tried = tuple((power, *one) for power in (2.0, 4.0) for one in lags(ranges.length_s / 2.0, 2))
     bounds = (("power", (1.0, 8.0)), ("tau_s", (20.0, max(ranges.length_s, 200.0))))
-    return Block(f"lag(sign({driver}) * abs({driver})**{{power}}, {{tau_s}})", f"the memory of a power of {called}", "",
-                 bounds, tried)  # fmt: skip
+    return Block("lag(sign(dT_dt) * abs(dT_dt)**{power}, {tau_s})", "the memory of a power of dT/dt", "", bounds, tried)
 
 
 def _hinge(ranges: Ranges) -> Block:

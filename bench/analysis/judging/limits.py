@@ -116,9 +116,10 @@ class Limit(BaseModel):
     def room(self) -> float:
         """Upper less lower, or less zero where nothing is below it."""
         least = -np.inf if self.quantity is None or self.quantity in SIGNED else 0.0
-        lower = least if self.lower is None else self.lower
         # One that is to be zero, such as a count of what is lost, needs no room.
-        return np.inf if self.upper is None or self.upper == lower == least else self.upper - lower
+        if self.upper is None or (self.lower is None and self.upper == least):
+            return np.inf
+        return self.upper - (least if self.lower is None else self.lower)
 
 
 class Limits(BaseModel):

@@ -76,7 +76,7 @@ class VerifyImu:
         inside = in_the_unit(order)
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
-        run, _ = recorded(order, job, self.name, order.plan.verification, "off", texts(order))
+        run = recorded(order, job, self.name, order.plan.verification, "off", texts(order))
         limits = order.file(order.plan.limits)
         found = verify_imu([run.path], options_of(order), calibration_of(job), limits).verification
         refuse_pieces(run, found.verdict, self.name)

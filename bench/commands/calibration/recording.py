@@ -20,8 +20,8 @@ _NOTHING_LEFT = "nothing to resume"
 
 def recorded(
     order: Order, job: JobFile, step: str, profile: str, compensation: acquisition.Compensated, texts: Mapping[str, str]
-) -> tuple[RunFolder, bool]:
-    """The whole run of a step, and whether it has several parts.
+) -> RunFolder:
+    """The whole run of a step.
 
     One that was cut off goes on, or is repeated where the plan says so or nothing can be gone on with. Raises the error
     that ended the run: it is the next to be taken up. The run is made for all units that are at work on it together:
@@ -33,7 +33,7 @@ def recorded(
     try:
         while (found := find(order, _mark(job, step))) is not None:
             if (run := _taken_up(order, found)) is not None:
-                return run, len(run.parts()) > 1
+                return run
             job.renew(step)
         mark = _mark(job, step)
         units = together.serials or (order.serial,)
@@ -44,7 +44,7 @@ def recorded(
         raise
     if (made := find(order, mark)) is None:
         raise InputError("the run has left no folder: see the output of the bench", order.out / slug(order.serial))
-    return RunFolder(made), False
+    return RunFolder(made)
 
 
 def _mark(job: JobFile, step: str) -> str:

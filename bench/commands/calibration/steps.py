@@ -126,7 +126,7 @@ class Static:
         """See the protocol."""
         if order.plan.static is None:
             return Done("not in the plan", {"run": None}, [Case("static", skipped=True, text="not in the plan")])
-        run, _ = recorded(order, job, self.name, order.plan.static, "off", texts(order))
+        run = recorded(order, job, self.name, order.plan.static, "off", texts(order))
         took_s = run.manifest().duration_s
         return Done(f"{took_s / 3600:.2f} h at one temperature", {"run": run.path.name, "duration_s": took_s})
 
@@ -139,12 +139,12 @@ class Run:
 
     def do(self, order: Order, job: JobFile) -> Done:
         """See the protocol."""
-        run, pieced = recorded(order, job, self.name, order.plan.profile, "off", texts(order))
+        run = recorded(order, job, self.name, order.plan.profile, "off", texts(order))
         manifest = run.manifest()
         lost = manifest.losses.get("lost", 0)
         sentence = f"{manifest.rows} rows in {manifest.duration_s / 3600:.2f} h, {lost} samples lost"
         facts = {"run": run.path.name, "rows": manifest.rows, "duration_s": manifest.duration_s, "lost": lost}
-        return Done(sentence + ("; went on after an interruption" if pieced else ""), facts)
+        return Done(sentence + ("; went on after an interruption" if len(run.parts()) > 1 else ""), facts)
 
 
 def texts(order: Order) -> dict[str, str]:
@@ -293,7 +293,7 @@ class Verify:
         if inside["calibration_id"] != job.facts("flash")["calibration_id"]:
             raise AgainError("flash", f"the unit holds calibration {inside['calibration_id']}")
         prove(run_of(job))
-        run, _ = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
+        run = recorded(order, job, self.name, order.plan.verification, "on", texts(order))
         found = verify(run, run_of(job), load_limits(order.document(order.plan.limits)), inside)
         content, word = found.to_json(), found.verdict.value
         refuse_pieces(run, word, self.name)
