@@ -8,6 +8,7 @@ import { saveCsv, savePng, saveSvg } from "./download.js";
 const EXPORT_SIZE = [1200, 700];
 const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
 const KEY_STEP = 0.2;
+const KEYS = ["ArrowLeft", "ArrowRight", "+", "=", "-", "0", "Home"];
 
 /** Plotly, after it was fetched. */
 let Plotly = null;
@@ -73,8 +74,6 @@ export function onTheme(change) {
   };
 }
 
-const clone = (value) => structuredClone(value);
-
 /** A drawn figure in `place` (an element). `onZoom(range|null)` gets the range of x after the user has zoomed, `onPoint({x, y})` what the mouse points at. */
 export class Drawn {
   constructor(place, onZoom = (_range) => {}, onPoint = (_point) => {}) {
@@ -84,6 +83,9 @@ export class Drawn {
     /** Where a line stands over all of x; null without one. */
     this.mark = null;
     this.figure = null;
+    /** The figure that stands there, and the keys that were pressed before it did. */
+    this.painted = null;
+    this.waiting = [];
     this.zoom = {};
     this.listening = false;
     // Plotly.Plots.resize alone would leave the legend at its place for the size before, over the curves.
@@ -103,9 +105,10 @@ export class Drawn {
 
   async paint() {
     await plotly();
-    if (!this.figure || !this.place.isConnected) return;
-    // Plotly changes its input, and the answer may be cached: it gets a copy.
-    const { data, layout } = recoloured(clone(this.figure));
+    const { figure } = this;
+    if (!figure || !this.place.isConnected) return;
+    // Plotly changes its input, and the answer may be cached: it gets a copy, which this is.
+    const { data, layout } = recoloured(figure);
     const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
     await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
     if (!this.listening) {
@@ -115,6 +118,8 @@ export class Drawn {
       this.place.on("plotly_doubleclick", () => this.reset());
       this.listening = true;
     }
+    this.painted = figure;
+    for (const name of this.waiting.splice(0)) this.key(name);
   }
 
   relayout(change) {
@@ -136,15 +141,16 @@ export class Drawn {
     return this.paint();
   }
 
-  /** Arrow keys move, + and - zoom in time or temperature, 0 or Home shows all; true if the key was used. */
+  /** Arrow keys move, + and - zoom in time or temperature, 0 or Home shows all; a key that comes before the figure waits for it. True if the key was used. */
   key(name) {
+    if (!KEYS.includes(name)) return false;
+    if (!this.figure || this.painted !== this.figure) return this.waiting.push(name), true;
     const axis = this.place.layout?.xaxis;
     if (!axis?.range) return false;
     if (name === "0" || name === "Home") return this.reset(), true;
     const [low, high] = axis.range.map(Number);
     const step = KEY_STEP * (high - low);
     const moves = { ArrowLeft: [-step, -step], ArrowRight: [step, step], "+": [step, -step], "=": [step, -step], "-": [-step, step] };
-    if (!moves[name]) return false;
     const range = [low + moves[name][0], high + moves[name][1]];
     Plotly.relayout(this.place, { "xaxis.range": range, "xaxis.autorange": false });
     return true;
@@ -154,7 +160,7 @@ export class Drawn {
     await plotly();
     const [width, height] = EXPORT_SIZE;
     const colours = palette();
-    const { data, layout } = recoloured(clone(this.figure));
+    const { data, layout } = recoloured(this.figure);
     const painted = { ...themed(layout, colours, this.zoom), paper_bgcolor: colours.paper, autosize: false, width, height };
     const address = await Plotly.toImage({ data, layout: painted }, { format: "svg", width, height });
     return decodeURIComponent(address.slice(address.indexOf(",") + 1));
