@@ -183,7 +183,7 @@ def test_every_figure_is_drawn_with_words(page):
 
 def test_a_zoom_by_keyboard_fetches_finer_data(page):
     held = []
-    page.route("**/plotly*", lambda request: held.append(request))
+    page.route("**/plotly*", lambda request: held.append(request))  # noqa: PLW0108 - Playwright marks the function
     choose(page)
     words = page.locator(".wb-words")
     words.filter(has_text="means over 2").wait_for()
