@@ -1,6 +1,7 @@
 """Diagnosis of whole runs of a simulated unit, whose truth integrates states of its own."""
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -236,6 +237,17 @@ def test_two_runs_with_turn_on_biases_of_their_own_are_judged_together(still):
     second.channels["rate"][:] += 0.7
     answer = diagnose([first, second], SPLINE, static=still, candidates=FEW)
     assert [s.effect for s in answer.found] == ["temperature_rate"]
+
+
+def test_runs_that_differ_only_by_their_turn_on_biases_say_so(still):
+    first, second = HiddenUnit().run("short", seed=1), HiddenUnit().run("short", seed=2)
+    second.channels["rate"][:] += 0.7
+    answer = diagnose([first, second], SPLINE, static=still, candidates=FEW)
+    assert answer.verdict == "adequate"
+    left = float(re.search(r"residual \(([\d.]+) deg/h RMS beside a constant of each run", answer.sentence)[1])
+    assert left < 1.5 * answer.floor_dph < answer.rms_dph
+    (note,) = [note for note in answer.notes if "differ by constants" in note]
+    assert float(re.search(r"\+([\d.]+) deg/h", note)[1]) == pytest.approx(0.7, abs=0.05)
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def decide(
     if explained.word == "unknown_effect":
         return Decision("unknown_effect", False if found and some is not None else None)
     if not found:
-        ratio = (base.left.rms_dph if base.left.by == "check" else base.rms_dph) / floor_dph
+        ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
         if ratio > ADEQUATE_RATIO:
             slow = slow or f"the error on unseen data is {ratio:.2g} x the noise floor"
         if not isfinite(ratio):

@@ -48,7 +48,7 @@ _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
 _DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
-_SHAPE_ALONE = 0.95  # of the error on check runs: with less a constant is worth a note
+_SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
 _UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
 
 
@@ -186,7 +186,12 @@ class _Case:
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
             noise_finding=_DRIFTS if explained.drifts and not steps else self.noise,
-            notes=(*self.notes, *floor_note, *_constant(base)),
+            notes=(
+                *self.notes,
+                *floor_note,
+                *_constants(base, self.fit.rms_dph, runs),
+                *(_constant(base) if check else ()),
+            ),
             model=self.fit.model,
             improved=explained.layout.rows.model,
             residuals=base.residuals,
@@ -206,7 +211,8 @@ class _Case:
         left = formulas[0].held_out_rms_dph if formulas else improved.rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left))
         answer = replace(answer, formulas=formulas, notes=notes)
-        return replace(answer, sentence=sentence(answer, explained.drifts, decision.why))
+        apart_dph = base.apart_dph if _apart(base, self.fit.rms_dph) else np.nan
+        return replace(answer, sentence=sentence(answer, explained.drifts, decision.why, apart_dph))
 
     def shown(self, answer: Diagnosis, channels: Sequence[str] = ()) -> Diagnosis:
         """The answer with pictures of what nothing describes: the memory, and cells over two channels."""
@@ -334,6 +340,20 @@ def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
         "because the misfit of a coarse curve looks like an effect"
     )
     return fit, [text]
+
+
+def _apart(base: Unseen, rms_dph: float) -> bool:
+    """Whether the fitted runs differ by constants that are worth a note."""
+    return bool(base.apart_dph < _SHAPE_ALONE * rms_dph)
+
+
+def _constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[str, ...]:
+    """The note that the fitted runs differ by constants, where they do."""
+    if not _apart(base, rms_dph):
+        return ()
+    above = [f"{run.name} {mean:+.3g}" for run, mean in zip(runs[1:], base.above_dph, strict=True)]
+    text = f"the fitted runs differ by constants, such as their turn-on biases, from {runs[0].name}"
+    return (f"{text}: {listed(above)} deg/h",)
 
 
 def _constant(base: Unseen) -> tuple[str, ...]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again
 from bench.analysis.fit.design import Bound, FitRows
-from bench.analysis.fit.solve import left_out_rms, solve
+from bench.analysis.fit.solve import Solution, left_out_rms, solve
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
@@ -19,14 +19,17 @@ from bench.record import Dataset
 class Unseen:
     """Least squares at given nonlinear parameters, scored.
 
-    `rms_dph` is on unseen rows, `shape_dph` about each check run's own mean (the turn-on bias is not part of the
-    model); `residuals` (n,) of each fitted run [deg/h]; `left` is what a proof compares. `reason` says why there is
-    nothing.
+    `rms_dph` is on unseen rows, `shape_dph` the same where each run has a constant of its own (the turn-on bias is not
+    part of the model). `residuals` (n,) of each fitted run [deg/h]; with such constants their RMS is `apart_dph`, and
+    each further run lies `above_dph` over the first (NaN and nothing for one run). `left` is what a proof compares.
+    `reason` says why there is nothing.
     """
 
     rms_dph: float = np.nan
     shape_dph: float = np.nan
     residuals: tuple[FloatArray, ...] = ()
+    above_dph: tuple[float, ...] = ()
+    apart_dph: float = np.nan
     reason: str = ""
     left: LeftOut = field(default_factory=LeftOut)
 
@@ -45,10 +48,12 @@ def unseen(
         if solution.condition > MOST_CONDITION:
             return Unseen(reason=f"model '{rows.model.name}' is not determined by these rows")
         residuals = tuple(_residual(bound, record, solution.beta) for record in rows.records)
+        apart = _apart(rows, columns)
         if not check:
-            rms = left_out_rms(solution, rows.weights, rows.blocks())
-            rms = rms if np.isfinite(rms) else np.nan
-            return Unseen(rms, rms, residuals, left=left_out_of(rows, solution, own, like))
+            rms, shape = (left_out_rms(each, rows.weights, rows.blocks()) for each in (solution, apart or solution))
+            rms, shape = (each if np.isfinite(each) else np.nan for each in (rms, shape))
+            found = Unseen(rms, shape, residuals, left=left_out_of(rows, solution, own, like))
+            return _with_constants(found, rows, apart)
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
         return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
@@ -56,7 +61,7 @@ def unseen(
     centred = [r - _mean(r, w) for r, w in zip(left, weights, strict=True)]
     visited = [r[m] for r, m in zip((x.channel("temperature") for x in rows.records), rows.masks, strict=True)]
     proof = visited_again(np.concatenate(visited), check, left, weights)
-    return Unseen(_rms(left, weights), _rms(centred, weights), residuals, left=proof)
+    return _with_constants(Unseen(_rms(left, weights), _rms(centred, weights), residuals, left=proof), rows, apart)
 
 
 def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
@@ -70,6 +75,21 @@ def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
 def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:
     left: FloatArray = record.bias - bound.columns(record) @ beta
     return left
+
+
+def _apart(rows: FitRows, columns: FloatArray) -> Solution | None:
+    """The fit with a constant for each further run, None for one run."""
+    if len(rows.records) < 2:
+        return None
+    run = np.repeat(np.arange(len(rows.masks)), [int(mask.sum()) for mask in rows.masks])
+    return solve(np.column_stack([columns, run[:, None] == np.arange(1, len(rows.masks))]), rows.y, rows.weights)
+
+
+def _with_constants(found: Unseen, rows: FitRows, apart: Solution | None) -> Unseen:
+    if apart is None:
+        return found
+    above = tuple(apart.beta[1 - len(rows.records) :].tolist())
+    return replace(found, above_dph=above, apart_dph=float(np.sqrt(apart.rss / np.sum(rows.weights))))
 
 
 def _mean(residual: FloatArray, weight: FloatArray) -> float:

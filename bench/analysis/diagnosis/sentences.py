@@ -14,11 +14,14 @@ UNSEEN = "not to be seen here: the model takes it in"
 """Of an effect that the run would not show at any size."""
 
 
-def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
-    """What an engineer reads first; `why` says why the verdict is not decided."""
+def sentence(answer: Diagnosis, drifts: bool, why: str = "", apart_dph: float = np.nan) -> str:
+    """What an engineer reads first; `why` says why the verdict is not decided.
+
+    `apart_dph` is the residual beside a constant of each fitted run, NaN where these hardly differ.
+    """
     formulas = [formula_sentence(answer.formulas[0])] if answer.formulas else []
     if answer.verdict != "unknown_effect":
-        return " ".join([_verdict(answer, why), *formulas])
+        return " ".join([_verdict(answer, why, apart_dph), *formulas])
     lacks, near = _unknown(answer, drifts)
     if formulas and not answer.formulas[0].beside:
         # What describes it comes before what does not, and what does not even lower the error is of no use.
@@ -26,16 +29,19 @@ def sentence(answer: Diagnosis, drifts: bool, why: str = "") -> str:
     return " ".join([lacks, *near, *formulas])
 
 
-def _verdict(answer: Diagnosis, why: str) -> str:
+def _verdict(answer: Diagnosis, why: str, apart_dph: float) -> str:
+    left = f"{number(answer.rms_dph)} deg/h RMS"
+    if np.isfinite(apart_dph):
+        left = f"{number(apart_dph)} deg/h RMS beside a constant of each run"
     if answer.verdict == "adequate":
         noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
         return (
-            f"These data show no missing effect: the residual ({number(answer.rms_dph)} deg/h RMS, noise floor "
-            f"{number(answer.floor_dph)}) is noise.{noise}{_slow(answer)}"
+            f"These data show no missing effect: the residual ({left}, noise floor {number(answer.floor_dph)}) is "
+            f"noise.{noise}{_slow(answer)}"
         )
     if answer.verdict == "missing_effect":
         return _missing(answer)
-    return _suspected(answer) if answer.found else _undecided(answer, why)
+    return _suspected(answer) if answer.found else _undecided(answer, why, left)
 
 
 def ranking_reason(answer: Diagnosis) -> str:
@@ -106,12 +112,12 @@ def _proof(suspect: SuspectedEffect) -> str:
     )
 
 
-def _undecided(answer: Diagnosis, why: str) -> str:
+def _undecided(answer: Diagnosis, why: str, left: str) -> str:
     """What remains may be a slow cause, or the noise."""
     ask = "record an isothermal run and give it as --static" if not answer.static else "record the run that is proposed"
     return (
-        f"A slow cause or the noise: this run cannot tell. The residual ({number(answer.rms_dph)} deg/h RMS, noise "
-        f"floor {number(answer.floor_dph)}) fits no effect of the catalogue, and {why}: {ask}."
+        f"A slow cause or the noise: this run cannot tell. The residual ({left}, noise floor "
+        f"{number(answer.floor_dph)}) fits no effect of the catalogue, and {why}: {ask}."
     )
 
 
