@@ -122,6 +122,17 @@ def test_a_budget_that_nothing_fits_leaves_the_shortest():
     assert len(plans(short)) == 1
 
 
+def test_rivals_that_the_runs_should_have_told_apart_may_be_several_or_none(runs):
+    run = runs["temperature_rate"]
+    slope = np.gradient(run.channel("temperature"), run.time)
+    strong = replace(run, channels={**run.channels, "rate": run.channels["rate"] + 300.0 * slope})
+    layout, rivals, noise = judged(strong)
+    proposal = propose(layout, strengthened(rivals), noise, LIMITS)
+    assert proposal.probability_before > 0.97
+    assert "another cause, may be at work" in proposal.why
+    assert "without it" not in proposal.why
+
+
 def test_weak_evidence_leaves_more_open_and_gets_a_longer_run(runs):
     quiet = runs["hysteresis"]
     noisy = quiet.channels["rate"] + np.random.default_rng(5).normal(0.0, 0.5, len(quiet))

@@ -228,6 +228,11 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: Cha
             f"apart: the best of {tried} tried decides with a probability of {100 * after.probability:.0f} %, and "
             f"{_MOST_RUNS} such runs with {100 * often:.0f} %"
         )
+    elif before.probability >= _ENOUGH:
+        why = (
+            f"if one of {listed(names)} alone were the cause, the runs so far would tell them apart with a probability "
+            f"of {100 * before.probability:.0f} %: several of them, or another cause, may be at work; {plan.reason}"
+        )
     elif after.probability >= _ENOUGH:
         why = f"{plan.reason}. Of {tried} profiles tried it is the shortest that decides: {promise})"
     else:

@@ -42,7 +42,7 @@ export function NextExperiment({ next, unit }) {
     <p class="wb-lead">⇄ ${t("workbench.next.cannot", { effects: rivals })}</p>
     <p>${none ? t("workbench.next.none", { percent: String(before) }) : reasons(next).join(sign(" "))}</p>
     ${!none && html`<${Curve} curve=${next.curve} label=${t("workbench.next.curve", { duration: duration(60 * next.duration_min) })} />`}
-    ${known && !none && html`<p class="wb-soft">${t("workbench.next.chance", { before, after })}</p>`}
+    ${known && !none && before < after && html`<p class="wb-soft">${t("workbench.next.chance", { before, after })}</p>`}
     ${next.plan && next.decides && html`<p><a class="button primary narrow" href=${`/start${api.query({ plan: next.plan, unit })}`}>${t("workbench.next.run")}</a></p>`}
   </section>`;
 }
