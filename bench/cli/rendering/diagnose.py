@@ -143,10 +143,9 @@ def _by_reason(diagnosis: analysis.Diagnosis) -> dict[str, list[str]]:
 
 @lines.register(Improved)
 def _(result: Improved) -> Iterator[str | Table]:
-    model = result.improvement.model
     yield table(("", "", ""), [(step.action, step.effect, step.sentence) for step in result.improvement.steps])
     yield ""
-    yield f"{model.name}: {' + '.join(effect.name for effect in model.effects)}"
+    yield f"model: {result.improvement.model.name}"
     yield from [f"wrote {result.out}"] if result.out is not None else []
 
 
