@@ -126,6 +126,7 @@ from .judging.lot import calibrate_lot as calibrate_lot
 from .judging.prior import Expected as Expected
 from .judging.prior import Prior as Prior
 from .judging.quantities import of_data as of_data
+from .judging.quantities import over_floor as over_floor
 from .judging.quantities import standing as standing
 from .judging.quantities import turning as turning
 from .judging.quantities import zero_rate as zero_rate

@@ -13,11 +13,13 @@ from bench.analysis.effects.model import load_model
 from bench.analysis.judging.judge import analyse
 from bench.analysis.judging.limits import load_limits
 from bench.analysis.judging.quantities import over_floor
+from bench.analysis.judging.quantity import Quantity
 from bench.analysis.judging.validity import refusals
 from bench.analysis.judging.verification import by_floor, verify
 from bench.analysis.noise.floor import Floor
 from bench.base.errors import InputError
 from bench.base.yaml12 import parse_yaml
+from bench.deliver.certificate.combined import verified
 from bench.record import RunFolder
 from tests.support.commands import bench
 from tests.support.run_folders import CYCLE, make_run, ramp_run
@@ -97,8 +99,10 @@ def test_a_noise_floor_that_is_an_upper_bound_only_passes_no_unit():
     (known, _), (bound, judged) = (by_floor(error, Floor(floor), ()) for floor in (0.19, 1.0))
     assert (known, bound) == ("PASS", "INVALID")
     assert "an upper bound here" in judged["refusals"][0]
-    ratio = over_floor(error, Floor(1.0, interval_dph=(0.1, 1.4)))
+    floor = Quantity("noise_floor_dph", 1.0, 0.1, 1.4)
+    ratio = over_floor(error, floor)
     assert (round(ratio.low, 2), ratio.value, round(ratio.high, 2)) == (0.13, 0.2, 2.2)
+    assert ratio in verified(error, {floor.name: floor})  # what a certificate states
 
 
 def test_the_calibration_run_of_a_verification_is_judged_too(tmp_path):

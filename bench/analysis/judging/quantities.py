@@ -88,10 +88,14 @@ def _of_noise(analysis: Analysis) -> Iterator[Quantity]:
         estimate = replace(floor.estimate, noise=floor.noise)
         yield Quantity(_SLOPES[0], *estimate.quantisation())
         yield Quantity(_SLOPES[1], *estimate.ramp())
+    yield level_of(floor)
+
+
+def level_of(floor: Floor) -> Quantity:
+    """The noise floor of a run."""
     if np.isfinite(floor.floor_dph):
-        yield Quantity("noise_floor_dph", floor.floor_dph, *floor.interval_dph)
-    else:
-        yield Quantity("noise_floor_dph", reason=floor.reason)
+        return Quantity("noise_floor_dph", floor.floor_dph, *floor.interval_dph)
+    return Quantity("noise_floor_dph", reason=floor.reason)
 
 
 def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Quantity]:
@@ -100,7 +104,7 @@ def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Qua
     if np.isfinite(held_out.rms_dph):
         yield Quantity("residual_rms_dph", held_out.rms_dph, low, high)
         yield Quantity.positive("residual_peak_dph", held_out.peak_dph, white_dph)
-        yield over_floor(held_out, analysis.floor)
+        yield over_floor(held_out, level_of(analysis.floor))
         yield Quantity.exact("extrapolated_percent", 100.0 * held_out.out_of_range)
     else:
         yield from (Quantity(name, reason=held_out.reason) for name in ("residual_rms_dph", "residual_peak_dph"))
@@ -111,12 +115,11 @@ def _of_model(analysis: Analysis, best: Score, white_dph: float) -> Iterator[Qua
         yield Quantity.exact("temperature_step_error_dph", step_error_dph(best.fit.bound, best.fit.beta, data))
 
 
-def over_floor(error: HeldOut, floor: Floor) -> Quantity:
+def over_floor(error: HeldOut, floor: Quantity) -> Quantity:
     """An error over the noise floor; its interval has what the floor leaves open, too."""
-    (low, high), (least, most) = error.interval_dph, floor.interval_dph
-    level = floor.floor_dph
-    ends = low / (most if np.isfinite(most) else level), high / (least if np.isfinite(least) else level)
-    return Quantity("residual_over_floor", error.rms_dph / level, *ends, floor.reason)
+    low, high = error.interval_dph
+    least, most = (end if np.isfinite(end) else floor.value for end in (floor.low, floor.high))
+    return Quantity("residual_over_floor", error.rms_dph / floor.value, low / most, high / least, floor.reason)
 
 
 def of_data(done: Completeness) -> Iterator[Quantity]:

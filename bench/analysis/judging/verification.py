@@ -20,7 +20,7 @@ from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness
 from bench.analysis.judging.expressed import Measurements
 from bench.analysis.judging.limits import Limits, judge_limits
-from bench.analysis.judging.quantities import of_data, over_floor
+from bench.analysis.judging.quantities import level_of, of_data, over_floor
 from bench.analysis.judging.quantity import Quantity
 from bench.analysis.noise.floor import Floor, noise_floor
 from bench.analysis.thresholds import VERIFIED_RATIO
@@ -177,7 +177,7 @@ def _quantities(done: Completeness, error: HeldOut, after: Figures, floor: Floor
     return [
         Quantity("residual_rms_dph", error.rms_dph, low, high),
         Quantity.positive("residual_peak_dph", error.peak_dph, white_dph),
-        over_floor(error, floor),
+        over_floor(error, level_of(floor)),
         Quantity.expanded("bias_span_dph", after.span_dph, np.sqrt(2.0) * white_dph),
         Quantity.positive("bias_max_dph", after.peak_dph, white_dph),
         *(quantity for quantity in of_data(done) if quantity.name in _MEASURED),

@@ -8,7 +8,7 @@ from datetime import date
 
 import numpy as np
 
-from bench.analysis import COVERAGE, Completeness, HeldOut, Quantity, of_data
+from bench.analysis import COVERAGE, Completeness, HeldOut, Quantity, of_data, over_floor
 from bench.deliver.certificate.laboratory import Instrument
 
 OF_TABLE = ("scale_factor_error_ppm",)
@@ -44,10 +44,9 @@ def verified(error: HeldOut, known: Mapping[str, Quantity]) -> tuple[Quantity, .
     low, high = error.interval_dph
     peak = known.get("residual_peak_dph", Quantity("residual_peak_dph"))
     spread = peak.value - peak.low
-    floor_dph = known["noise_floor_dph"].value
     return (
         Quantity("residual_rms_dph", error.rms_dph, low, high),
         Quantity("residual_peak_dph", error.peak_dph, error.peak_dph - spread, error.peak_dph + spread),
-        Quantity("residual_over_floor", error.rms_dph / floor_dph, low / floor_dph, high / floor_dph),
+        over_floor(error, known["noise_floor_dph"]),
         Quantity.exact("extrapolated_percent", 100.0 * error.out_of_range),
     )
