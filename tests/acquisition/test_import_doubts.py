@@ -41,6 +41,16 @@ def test_an_output_that_hangs_is_warned_of_and_one_in_steps_is_not(tmp_path):
     assert not any("hang" in text for text in doubts(tmp_path, np.round(slow, 1), degc))
 
 
+def test_an_output_that_saturates_is_warned_of_and_one_in_steps_is_not(tmp_path):
+    rng, degc = np.random.default_rng(4), np.linspace(0, 50, 2000)
+    rate = 0.2 * degc + rng.normal(0, 1, 2000)
+    (said,) = doubts(tmp_path, np.minimum(rate, 9.5), degc)
+    assert said.startswith(f"rate is 9.5 deg/h in {np.count_nonzero(rate > 9.5)} rows and never beyond: does")
+    assert doubts(tmp_path, rate, degc) == ()
+    held = np.concatenate([rate, np.full(500, rate.max()) + rng.normal(0, 0.2, 500)])
+    assert doubts(tmp_path, np.round(held, 1), np.append(degc, np.full(500, 50.0))) == ()
+
+
 def test_a_thermometer_that_failed_for_some_rows_is_no_other_unit(tmp_path):
     rate, degc = np.random.default_rng(3).normal(5, 3, 500), np.linspace(0, 50, 500)
     degc[100:120] = -273.0

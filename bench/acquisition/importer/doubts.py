@@ -21,6 +21,9 @@ _GAP_INTERVALS = 5.0
 _FEW = 0.1  # of the rows: a sensor that failed for a while, not another unit
 _HANGS, _STEPS = 30, 20.0
 """Equal rows, and how many times what is usual, of an output that hangs; coarse steps have equal rows, too."""
+_SATURATED, _CROWDED, _LEVELS = 30, 10.0, 100
+"""Rows at the end of the range, how many times those at the values beside it, and how many values there are at least:
+of an output in coarse steps many rows lie at its largest value."""
 
 _DEGC = (-273.15, 1000.0)
 _POSSIBLE = {
@@ -152,6 +155,11 @@ def _of_rate(name: str, values: FloatArray, given: str) -> Iterator[str]:
             f"{name} is {values[first]:.6g} deg/h in {rows} rows, one after the other, the first {first + 1}: did the "
             "unit hang? leave these fields empty"
         )
+    for end, stands in _ends(rate):
+        yield (
+            f"{name} is {end:.6g} deg/h in {stands} rows and never beyond: does the output saturate there? leave these "
+            "fields empty"
+        )
     if rate.size > 1 and np.ptp(rate) == 0.0:
         yield (
             f"{name} is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; is it the right column, and did the "
@@ -165,3 +173,13 @@ def _longest(values: FloatArray) -> tuple[int, int]:
     rows = np.diff(np.append(firsts, values.size))
     longest = int(np.argmax(rows))
     return (int(firsts[longest]), int(rows[longest])) if rows[longest] > _STEPS * np.quantile(rows, 0.95) else (0, 0)
+
+
+def _ends(rate: FloatArray) -> Iterator[tuple[float, int]]:
+    """The smallest and the largest value where the rows crowd, with their number."""
+    levels, rows = np.unique(rate, return_counts=True)
+    if levels.size < _LEVELS:
+        return
+    for end, beside in ((0, rows[1:6]), (-1, rows[-6:-1])):
+        if rows[end] >= max(_SATURATED, _CROWDED * beside.max()):
+            yield float(levels[end]), int(rows[end])
