@@ -85,7 +85,7 @@ def _suspected(answer: Diagnosis) -> str:
     parts = [f"Suspected, not proved: {listed([_named(suspect) for suspect in answer.found])}."]
     for suspect in answer.found:
         words = f"adding it was not possible: {suspect.reason}" if suspect.reason else suspect.proof.words
-        parts += [f"{_capital(suspect.effect)}: {words}.", *_alike(suspect)]
+        parts += [f"{suspect.effect}: {words}.", *_alike(suspect)]
     if not answer.check:
         parts.append("Record another run and give it as --check before adding anything.")
     return " ".join([*parts, *_further(answer)])
