@@ -18,6 +18,7 @@ from bench.analysis.diagnosis.states import states
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.thresholds import FORMULA_EVIDENCE
 from bench.base import InputError
 from bench.cli import main
@@ -163,6 +164,19 @@ def test_a_part_that_snaps_over_at_two_temperatures_is_found_where_its_jumps_are
     centre, width = map(float, re.findall(r"([\d.]+) \+ ([\d.]+)", answer.formulas[0].formula)[0])
     assert [centre, width] == pytest.approx([14.0, 7.7], abs=0.6)
     assert answer.formulas[0].held_out_rms_dph < 1.15 * answer.floor_dph
+
+
+@pytest.mark.slow
+def test_terms_of_one_formula_have_the_sizes_that_they_have_together():
+    """Found one after the other, the first had taken in a part of the next."""
+    (run, check, _, still), _ = outside._unit(outside.Trial("stick_and_slip", 3.0, 1))
+    best = diagnose([run], MODEL, check=[check], static=still).formulas[0]
+    fit = fit_model(best.model, [run], weights="noise")
+    fitted = {one.key.removeprefix("expression."): one.value for one in fit.coefficients}
+    assert len(best.amplitudes) > 1
+    for name, value, std, _ in best.amplitudes:
+        assert abs(value - fitted[name]) < 3.0 * std, name  # the fit moves the places a little, too
+        assert abs(value) > 2.0 * std, name
 
 
 @pytest.mark.slow

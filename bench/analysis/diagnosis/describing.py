@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -20,13 +21,14 @@ from bench.analysis.diagnosis.ranges import UNCATALOGUED
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
+from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
 from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
 from bench.base import Aside, FloatArray
 from bench.record import Dataset
 
 _MOST = 5
 _MOST_TERMS = 3
+_KNOWN = 2.0  # standard deviations: the size of a term is known if it is larger
 _ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
@@ -189,6 +191,7 @@ class Describer:
                 break
             last = further[0]
             terms.append(last)
+        terms = self._told(layout, terms)
         longer = [self._described(layout, terms, (), names)] if len(terms) > 1 else []
         return (*longer, *self._listed(layout, ranked, names))[:_MOST]
 
@@ -231,15 +234,46 @@ class Describer:
             listed.append(self._described(layout, (each,), equivalent, beside))
         return tuple(listed)
 
+    def _told(self, layout: Layout, terms: list[_Ranked]) -> list[_Ranked]:
+        """The terms that the others do not make needless: one of whose amplitudes is beyond its uncertainty."""
+        if len(terms) > 1:
+            sizes = iter(self._sized(layout, terms)[0])
+            own = [list(islice(sizes, len(term.one.amplitudes))) for term in terms]
+            kept = [t for t, sized in zip(terms, own, strict=True) if any(abs(v) > _KNOWN * s for _, v, s, _ in sized)]
+            return terms if len(kept) == len(terms) else self._told(layout, kept or terms[:1])
+        return terms
+
+    def _sized(
+        self, layout: Layout, terms: Sequence[_Ranked]
+    ) -> tuple[list[tuple[str, float, float, str]], FloatArray]:
+        """Name, value, standard deviation and unit of each amplitude, of several terms as they are together; and what
+        the terms add to the fitted bias (n,) [deg/h].
+        """
+        parts = [term.one for term in terms]
+        pairs = zip(parts, AMPLITUDES, strict=False)
+        entries = [entry for part, name in pairs for entry in part.amplitude_entries(name)]
+        if len(parts) == 1:
+            return entries, parts[0].contribution
+        _, effect, theta = together(parts)
+        after, known = layout.adding(effect, theta), [name for name, _ in effect.amplitudes]
+        end = after.rows.bind(after.theta, trial=True)[1].shape[1]
+        own, way = slice(end - len(known), end), self.lattice.at([parts[-1].point])[0][0]
+        base, y = after.problem.base, layout.problem.y  # with the slopes along the parameters behind the columns
+        values = gls(np.column_stack([layout.problem.base, base[:, own]]), y, way).beta[-len(known) :]
+        deviations = np.sqrt(np.diag(gls(base, y, way).covariance)[own])
+        order = [known.index(name) for name, _, _, _ in entries]
+        sized = [(e[0], float(values[i]), float(deviations[i]), e[3]) for e, i in zip(entries, order, strict=True)]
+        return sized, base[:, own] @ values
+
     def _described(
         self, layout: Layout, terms: Sequence[_Ranked], equivalent: tuple[str, ...], beside: tuple[str, ...]
     ) -> DescribedFormula:
         parts = [term.one for term in terms]
         text, effect, theta = together(parts)
         after = layout.adding(effect, theta)
+        amplitudes, contribution = self._sized(layout, terms)
         scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
         before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
-        contribution = np.sum([part.contribution for part in parts], axis=0)
         return DescribedFormula(
             formula=text,
             expression=entry_text(effect),
@@ -251,9 +285,7 @@ class Describer:
             held_out_rms_dph=scored.rms_dph,
             proof=_doubted(prove(before.left, scored.left), layout, parts),
             size_dph=float(np.std(contribution)),
-            amplitudes=tuple(
-                entry for part, name in zip(parts, AMPLITUDES, strict=False) for entry in part.amplitude_entries(name)
-            ),
+            amplitudes=tuple(amplitudes),
             acts=_acts(layout.temperature, contribution),
             caution=_caution(layout, parts, contribution),
             equivalent=equivalent,
