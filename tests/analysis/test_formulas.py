@@ -176,7 +176,7 @@ def test_terms_of_one_formula_have_the_sizes_that_they_have_together():
     fitted = {one.key.removeprefix("expression."): one.value for one in fit.coefficients}
     assert len(best.amplitudes) > 1
     for name, value, std, _ in best.amplitudes:
-        assert abs(value - fitted[name]) < 2.0 * std, name  # its noise is estimated anew
+        assert abs(value - fitted[name]) < 3.0 * std, name  # the noise, and the effects beside it, are fitted anew
         assert abs(value) > 2.0 * std, name
 
 
