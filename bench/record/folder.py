@@ -139,6 +139,8 @@ def new_folder(parent: Path, stem: str) -> Path:
 def open_run(path: Path) -> RunFolder:
     """The run folder at `path`; InputError when there is none."""
     run = RunFolder(Path(path))
+    if run.path.is_file():
+        raise InputError("is a file, not a run folder; `bench import` makes a run folder of a table", run.path)
     if not run.path.is_dir():
         raise InputError("no such run folder; `bench run` prints the folder it made", run.path)
     run.manifest()

@@ -51,6 +51,17 @@ def test_an_output_that_saturates_is_warned_of_and_one_in_steps_is_not(tmp_path)
     assert doubts(tmp_path, np.round(held, 1), np.append(degc, np.full(500, 50.0))) == ()
 
 
+def test_a_thermometer_that_stands_still_and_jumps_is_warned_of_and_one_that_rests_is_not(tmp_path):
+    rng = np.random.default_rng(4)
+    rate, rests = rng.normal(5, 3, 3000), np.concatenate([np.linspace(0, 50, 2000), np.full(500, 50.0)])
+    degc = np.append(rests, np.linspace(50, 30, 500))
+    assert doubts(tmp_path, rate, degc) == ()
+    assert doubts(tmp_path, rate, np.round(degc, 1)) == ()
+    degc[700:1000] = degc[700]
+    (said,) = doubts(tmp_path, rate, degc)
+    assert said.startswith("temperature is 17.5088 degC in 300 rows, one after the other, the first 701, and 25.0125")
+
+
 def test_a_thermometer_that_failed_for_some_rows_is_no_other_unit(tmp_path):
     rate, degc = np.random.default_rng(3).normal(5, 3, 500), np.linspace(0, 50, 500)
     degc[100:120] = -273.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.acquisition.importer.columns import Mapped
 from bench.acquisition.importer.table import Table
-from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, RATES, THERMOMETERS, FloatArray, InputError
+from bench.base import CHANNELS, DPH_PER_DPS, DPH_PER_RADPS, RATES, THERMOMETERS, FloatArray, InputError, IntArray
 
 _FASTEST_DPH = 5000 * DPH_PER_DPS
 """No gyro measures more [deg/h]."""
@@ -16,6 +16,8 @@ _QUIETEST_DPH = 0.01
 """A rate that scatters less is most likely in another unit [deg/h]."""
 _COLDEST_DEGC, _HOTTEST_DEGC = -100.0, 200.0
 _CONSTANT_DEGC = 1.0
+_JUMP_DEGC = 0.5
+"""Change from one row to the next, after many equal ones, that is no step of a thermometer."""
 _COARSE_DEGC = 0.4
 _GAP_INTERVALS = 5.0
 _FEW = 0.1  # of the rows: a sensor that failed for a while, not another unit
@@ -105,6 +107,7 @@ def doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> 
     """What the magnitudes make doubtful."""
     rates, warm = [name for name in RATES if name in channels], next(n for n in THERMOMETERS if n in channels)
     found = [text for name in rates for text in _of_rate(name, channels[name], mapped[name].unit)]
+    found += [text for name in THERMOMETERS if name in channels for text in _of_thermometer(name, channels[name])]
     degc = channels[warm][np.isfinite(channels[warm])]
     beyond = np.flatnonzero((channels[warm] < _COLDEST_DEGC) | (channels[warm] > _HOTTEST_DEGC))
     if 0 < beyond.size < _FEW * degc.size:
@@ -167,12 +170,33 @@ def _of_rate(name: str, values: FloatArray, given: str) -> Iterator[str]:
         )
 
 
+def _stretches(values: FloatArray) -> tuple[IntArray, IntArray]:
+    """First row and length of each stretch of one value."""
+    firsts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # a gap equals nothing
+    return firsts, np.diff(np.append(firsts, values.size))
+
+
 def _longest(values: FloatArray) -> tuple[int, int]:
     """First row and length of the longest stretch of one value, where it is far longer than others; else 0, 0."""
-    firsts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # a gap equals nothing
-    rows = np.diff(np.append(firsts, values.size))
+    firsts, rows = _stretches(values)
     longest = int(np.argmax(rows))
     return (int(firsts[longest]), int(rows[longest])) if rows[longest] > _STEPS * np.quantile(rows, 0.95) else (0, 0)
+
+
+def _of_thermometer(name: str, degc: FloatArray) -> Iterator[str]:
+    """A thermometer that stood still and then jumped; where it only rests, it goes on by a step of its own."""
+    firsts, rows = _stretches(degc)
+    steps = np.abs(np.diff(degc[firsts]))  # after each stretch but the last
+    if not np.any(np.isfinite(steps)):
+        return
+    jump = max(_JUMP_DEGC, _STEPS * float(np.nanmedian(steps)))
+    for stretch in np.flatnonzero((rows[:-1] >= _HANGS) & (steps > jump))[:1]:
+        before, after = degc[firsts[stretch : stretch + 2]]
+        yield (
+            f"{name} is {before:.6g} degC in {rows[stretch]} rows, one after the other, the first "
+            f"{firsts[stretch] + 1}, and {after:.6g} degC in the next: did the thermometer stand still? leave these "
+            "fields empty"
+        )
 
 
 def _ends(rate: FloatArray) -> Iterator[tuple[float, int]]:

@@ -45,6 +45,8 @@ def decide(
         ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
         if ratio > ADEQUATE_RATIO:
             slow = slow or f"the error on unseen data is {ratio:.2g} x the noise floor"
+        elif base.apart_dph > ADEQUATE_RATIO * floor_dph:
+            slow = slow or f"the residual is {base.apart_dph / floor_dph:.2g} x the noise floor"
         if not isfinite(ratio):
             floor = "no soak shows how large the noise is"
             slow = slow or (floor if isnan(floor_dph) else "no error on unseen data is known")

@@ -83,8 +83,7 @@ def sentence(best: DescribedFormula) -> str:
     beside = f" beside {', '.join(best.beside)}" if best.beside else ""
     text = f"A formula that fits{beside}: {best.formula} ({best.words}{like}; {sizes}; {best.weighed})."
     unjudged = best.proof.falls is None
-    text += f" No unseen data can judge it: {best.proof.unjudged}" if unjudged else f" With it {best.proof.words}"
-    text += "." if best.proof.falls is False else f"; add it with bench add {best.added}."
+    text += f" No unseen data can judge it: {best.proof.unjudged}." if unjudged else f" With it {best.proof.words}."
     if best.equivalent:
         text += f" These data cannot tell it from {' or '.join(best.equivalent[:2])}."
     return text + (f" Caution: {best.caution}." if best.caution else "")

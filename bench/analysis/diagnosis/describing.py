@@ -22,13 +22,12 @@ from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
-from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
+from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, SIZED, TIE
 from bench.base import Aside, FloatArray
 from bench.record import Dataset
 
 _MOST = 5
 _MOST_TERMS = 3
-_KNOWN = 2.0  # standard deviations: the size of a term is known if it is larger
 _ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
@@ -160,7 +159,7 @@ class Describer:
         before = unseen(layout.rows, layout.theta, self.check)
         ranked = []
         for one in found:
-            if not self.check and one.evidence <= FORMULA_EVIDENCE:
+            if not one.sized or (not self.check and one.evidence <= FORMULA_EVIDENCE):
                 continue
             after = layout.adding(one.effect, one.theta)
             scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
@@ -239,7 +238,7 @@ class Describer:
         if len(terms) > 1:
             sizes = iter(self._sized(layout, terms)[0])
             own = [list(islice(sizes, len(term.one.amplitudes))) for term in terms]
-            kept = [t for t, sized in zip(terms, own, strict=True) if any(abs(v) > _KNOWN * s for _, v, s, _ in sized)]
+            kept = [t for t, sized in zip(terms, own, strict=True) if any(abs(v) > SIZED * s for _, v, s, _ in sized)]
             return terms if len(kept) == len(terms) else self._told(layout, kept or terms[:1])
         return terms
 

@@ -40,7 +40,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS, TIE
+from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS
 from bench.base import FloatArray, InputError, listed, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
@@ -49,6 +49,8 @@ _LEAST_INTERVALS = 12
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
 _DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
 _SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
+_OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
+_LESS = 0.9  # of the noise floor: effects found that take less out of it are not in the isothermal run
 _UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
 
 
@@ -160,7 +162,8 @@ class _Case:
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
         ranking = Ranking(explained, self.offer, check, self.floor_dph)
-        improved = unseen(explained.layout.rows, explained.layout.theta, check) if explained.steps else base
+        own = sum(len(step.suspect.amplitudes) for step in explained.steps if not step.effect.moves_abscissa)
+        improved = unseen(explained.layout.rows, explained.layout.theta, check, own) if explained.steps else base
         suspects = ranking.suspects()
         slow = structure(self.layout) if explained.word == "adequate" else ""
         floor_dph, floor_note = self._floor(explained)
@@ -190,7 +193,7 @@ class _Case:
                 *self.notes,
                 *floor_note,
                 *_constants(base, self.fit.rms_dph, runs),
-                *(_constant(base) if check else ()),
+                *_of_check(base),
             ),
             model=self.fit.model,
             improved=explained.layout.rows.model,
@@ -237,7 +240,7 @@ class _Case:
             return self.floor_dph, ()
         own = profile_noise(problem.base, problem.y, problem.time_s, problem.statics, problem.interval_s).noise
         floor_dph = own.std_of_means(problem.interval_s, float(np.ptp(self.layout.rows.time[0])))
-        if not floor_dph < self.floor_dph:
+        if not floor_dph < _LESS * self.floor_dph:
             return self.floor_dph, ()
         text = (
             f"the isothermal run has a part of the effects found; without them its noise floor is {number(floor_dph)}"
@@ -272,7 +275,7 @@ class _Case:
         found = describer.describe(self.layout, explained)
         if enough and not found.replaces:
             return (), False
-        kept = tuple(one for one in found.formulas if one.proof.falls is not False or one.borne > TIE)
+        kept = tuple(one for one in found.formulas if one.proof.falls is not False)
         return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
@@ -295,7 +298,7 @@ class _Case:
 
     def _detectable(self, explained: Explanation) -> tuple[Detectable, ...]:
         """The smallest size of each effect, of its first shape at usual parameters, that this run would have shown."""
-        listed = []
+        listed, found = [], {step.name for step in explained.steps}
         # What would have to be larger than all that the output moved is taken in by the model's curve.
         most = max(float(np.std(self.layout.problem.y)), 10.0 * float(np.sqrt(explained.first.sigma2)))
         for candidate in self.offer.candidates(self.layout):
@@ -306,6 +309,8 @@ class _Case:
             first = explained.first
             limit = smallest(self.layout.problem, candidate, theta, self.lattice, first.point, first.sigma2)
             if limit.rms_dph > most:
+                if candidate.effect in found:
+                    continue
                 limit = Smallest(())
             names = [p.name for p in candidate.parameters]
             moved = candidate.kind == "abscissa"
@@ -344,7 +349,7 @@ def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
 
 def _apart(base: Unseen, rms_dph: float) -> bool:
     """Whether the fitted runs differ by constants that are worth a note."""
-    return bool(base.apart_dph < _SHAPE_ALONE * rms_dph)
+    return bool(base.above_dph and base.apart_dph < _SHAPE_ALONE * rms_dph)
 
 
 def _constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[str, ...]:
@@ -356,15 +361,18 @@ def _constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[s
     return (f"{text}: {listed(above)} deg/h",)
 
 
-def _constant(base: Unseen) -> tuple[str, ...]:
-    """The note that errors on the check runs are stated with and without a constant, where that matters."""
-    if not base.shape_dph < _SHAPE_ALONE * base.rms_dph:
-        return ()
-    constant_dph = float(np.sqrt(base.rms_dph**2 - base.shape_dph**2))
-    text = (
-        f"of the held-out error {number(constant_dph)} deg/h is a constant of the check run, such as its turn-on bias"
-    )
-    return (f"{text}; what an effect or a formula lowers is stated without it",)
+def _of_check(base: Unseen) -> tuple[str, ...]:
+    """Notes of what is in the error on the check runs beside what a proof compares, where that matters."""
+    notes = []
+    if base.outside > _OUTSIDE:
+        notes.append(
+            f"{100.0 * base.outside:.0f} % of the check run is at temperatures that were not fitted: they are in the "
+            "held-out error and prove nothing"
+        )
+    if base.shape_dph < _SHAPE_ALONE * np.hypot(base.shape_dph, base.constant_dph):
+        text = f"of the held-out error {number(base.constant_dph)} deg/h is a constant of the check run, such as its "
+        notes.append(f"{text}turn-on bias; what an effect or a formula lowers is stated without it")
+    return tuple(notes)
 
 
 def _finer(asked: Effect, chosen: Effect) -> Effect:

@@ -12,6 +12,7 @@ from bench.analysis.diagnosis.blocks import Formula
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.expression import Expression
 from bench.analysis.noise.likelihood import Point
+from bench.analysis.thresholds import SIZED
 from bench.base import FloatArray
 
 
@@ -47,6 +48,11 @@ class FoundFormula:
     def on_bound(self) -> bool:
         """Whether the search of a parameter ended at an end of its range."""
         return any(p.on_bound(value) for p, value in zip(self.formula.parameters, self.theta, strict=True))
+
+    @property
+    def sized(self) -> bool:
+        """Whether the data know the size of one of its terms."""
+        return bool(np.any(np.abs(self.amplitudes) > SIZED * self.deviations))
 
     @property
     def period_s(self) -> float:

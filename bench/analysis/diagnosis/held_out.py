@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,7 +21,8 @@ class Unseen:
 
     `rms_dph` is on unseen rows, `shape_dph` the same where each run has a constant of its own (the turn-on bias is not
     part of the model). `residuals` (n,) of each fitted run [deg/h]; with such constants their RMS is `apart_dph`, and
-    each further run lies `above_dph` over the first (NaN and nothing for one run). `left` is what a proof compares.
+    each further run lies `above_dph` over the first. Of check runs `outside` (0 to 1) is at temperatures that were not
+    fitted, and elsewhere they differ by `constant_dph`; `shape_dph` is without both. `left` is what a proof compares.
     `reason` says why there is nothing.
     """
 
@@ -30,6 +31,8 @@ class Unseen:
     residuals: tuple[FloatArray, ...] = ()
     above_dph: tuple[float, ...] = ()
     apart_dph: float = np.nan
+    constant_dph: float = 0.0
+    outside: float = 0.0
     reason: str = ""
     left: LeftOut = field(default_factory=LeftOut)
 
@@ -48,20 +51,20 @@ def unseen(
         if solution.condition > MOST_CONDITION:
             return Unseen(reason=f"model '{rows.model.name}' is not determined by these rows")
         residuals = tuple(_residual(bound, record, solution.beta) for record in rows.records)
-        apart = _apart(rows, columns)
+        apart = _apart(rows, columns) if len(rows.records) > 1 else solution
+        above = tuple(apart.beta[columns.shape[1] :].tolist())
+        apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
-            rms, shape = (left_out_rms(each, rows.weights, rows.blocks()) for each in (solution, apart or solution))
+            rms, shape = (left_out_rms(each, rows.weights, rows.blocks()) for each in (solution, apart))
             rms, shape = (each if np.isfinite(each) else np.nan for each in (rms, shape))
-            found = Unseen(rms, shape, residuals, left=left_out_of(rows, solution, own, like))
-            return _with_constants(found, rows, apart)
+            return Unseen(rms, shape, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
         return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
     weights = [record.count("rate") for record in check]
-    centred = [r - _mean(r, w) for r, w in zip(left, weights, strict=True)]
     visited = [r[m] for r, m in zip((x.channel("temperature") for x in rows.records), rows.masks, strict=True)]
     proof = visited_again(np.concatenate(visited), check, left, weights)
-    return _with_constants(Unseen(_rms(left, weights), _rms(centred, weights), residuals, left=proof), rows, apart)
+    return Unseen(_rms(left, weights), proof.rms_dph, residuals, above, apart_dph, *_of_check(left, proof), left=proof)
 
 
 def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
@@ -77,24 +80,20 @@ def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:
     return left
 
 
-def _apart(rows: FitRows, columns: FloatArray) -> Solution | None:
-    """The fit with a constant for each further run, None for one run."""
-    if len(rows.records) < 2:
-        return None
+def _apart(rows: FitRows, columns: FloatArray) -> Solution:
+    """The fit with a constant for each further run."""
     run = np.repeat(np.arange(len(rows.masks)), [int(mask.sum()) for mask in rows.masks])
     return solve(np.column_stack([columns, run[:, None] == np.arange(1, len(rows.masks))]), rows.y, rows.weights)
 
 
-def _with_constants(found: Unseen, rows: FitRows, apart: Solution | None) -> Unseen:
-    if apart is None:
-        return found
-    above = tuple(apart.beta[1 - len(rows.records) :].tolist())
-    return replace(found, above_dph=above, apart_dph=float(np.sqrt(apart.rss / np.sum(rows.weights))))
-
-
-def _mean(residual: FloatArray, weight: FloatArray) -> float:
-    present = np.isfinite(residual)
-    return float(np.average(residual[present], weights=weight[present]))
+def _of_check(left: Sequence[FloatArray], proof: LeftOut) -> tuple[float, float]:
+    """Constant of the check runs at temperatures that were fitted [deg/h], and the share of them elsewhere."""
+    if proof.residual is None or proof.weights is None:
+        return 0.0, 1.0
+    whole, inside = np.concatenate(list(left)), np.isfinite(proof.residual)
+    square = float(np.average(whole[inside] ** 2, weights=proof.weights[inside]))
+    share = float(proof.weights[inside].sum() / proof.weights[np.isfinite(whole)].sum())
+    return float(np.sqrt(max(square - proof.rms_dph**2, 0.0))), 1.0 - share
 
 
 def _rms(residuals: Sequence[FloatArray], weights: Sequence[FloatArray]) -> float:

@@ -150,6 +150,8 @@ def _nearest(answer: Diagnosis) -> str:
     """The catalogue's best entry leaves much more than the noise on unseen data."""
     near = [suspect for suspect in answer.found if suspect.proved] or answer.found
     name, proof = listed([_named(suspect) for suspect in near]), near[0].proof
+    if proof.falls is None:
+        return f"The nearest entry of the catalogue is {name}: no unseen data can judge it: {proof.unjudged}."
     scale, much = 1.0, "deg/h"
     if proof.after_dph > NEAREST_RATIO * answer.floor_dph:
         scale, much = answer.floor_dph, "x the noise floor"

@@ -168,7 +168,7 @@ class Search:
         borne = Borne(self.check, layout.problem.statics, point)
         before = unseen(layout.rows, layout.theta, self.check).left
         total = []
-        leaders = [leader for leader in leaders if self._acts_again(layout, leader)]
+        leaders = [leader for leader in leaders if leader.sized and self._acts_again(layout, leader)]
         for leader in leaders:
             after = layout.adding(self.offer.effects[leader.name], leader.theta)
             total.append(leader.evidence + borne.gain(before, unseen(after.rows, after.theta, self.check).left))
