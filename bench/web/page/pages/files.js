@@ -3,7 +3,8 @@ import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { compute, get, put, url } from "../lib/api.js";
 import { Curve } from "../lib/curve.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
-import { remember } from "../lib/router.js";
+import { useUnsaved } from "../lib/leaving.js";
+import { leave, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { limitsName, planTitle, stationName } from "../lib/names.js";
 import { duration, t } from "../lib/words.js";
@@ -69,7 +70,8 @@ function File({ kind, id, stations, saved }) {
   }, []);
   const check = useDraft(kind, id, text, station);
   const findings = check.result?.findings ?? [];
-  const changed = file && text !== file.text;
+  const changed = Boolean(file) && text !== file.text;
+  useUnsaved(changed);
   const save = async (event) => {
     event.preventDefault();
     setState({ busy: true });
@@ -120,15 +122,21 @@ export default function Files({ query }) {
     setId(next);
     remember({ kind, id: next });
   };
+  /** What was chosen is shown when the person has agreed to lose changes. */
+  const choose = (event, before, take) => {
+    const next = event.target.value;
+    event.target.value = before;
+    leave(() => take(next));
+  };
   if (!data) return html`<div class="page">${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   return html`<div class="page stack"><h1>${t("files.title")}</h1><p class="soft">${t("files.what")}</p>
     <div class="row"><div class="field"><label for="files-kind">${t("files.kind")}</label>
-        <select id="files-kind" value=${kind} onChange=${(event) => {
-          setKind(event.target.value);
+        <select id="files-kind" value=${kind} onChange=${(event) => choose(event, kind, (next) => {
+          setKind(next);
           setId("");
-        }}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
+        })}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
       <div class="field"><label for="files-id">${t("files.file")}</label>
-        <select id="files-id" value=${id} onChange=${(event) => open(event.target.value)}><option value="">${t("files.choose")}</option>
+        <select id="files-id" value=${id} onChange=${(event) => choose(event, id, open)}><option value="">${t("files.choose")}</option>
           ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
     ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} stations=${data.stations} saved=${(name) => {
       again();

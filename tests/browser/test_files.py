@@ -1,0 +1,43 @@
+"""The texts of profiles, stations and limits in the page."""
+
+import pytest
+
+from tests.support.servers import site_over
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory, project):
+    with site_over(tmp_path_factory.mktemp("files"), project=project) as site:
+        yield site.address
+
+
+def test_changes_that_are_not_saved_are_not_lost_without_a_question(address, visitors):
+    page = visitors.come(address)
+    page.goto("/units")
+    page.get_by_role("heading").first.wait_for()
+    page.evaluate("history.pushState(null, '', '/files?kind=profiles&id=short'); history.go(0)")
+    text, question = page.locator("textarea"), page.get_by_role("dialog")
+    stay = question.get_by_role("button", name="Keep editing")
+    text.press("Control+End")
+    text.type("# mine\n")
+    for leave in (
+        page.get_by_role("link", name="Fleet").click,
+        page.go_back,
+        lambda: page.locator("#files-id").select_option("brief"),
+        lambda: page.locator("#files-kind").select_option("limits"),
+    ):
+        leave()
+        stay.click()
+        question.wait_for(state="detached")
+        assert text.input_value().endswith("# mine\n")
+        assert (page.locator("#files-kind").input_value(), page.locator("#files-id").input_value()) == (
+            "profiles", "short",
+        )  # fmt: skip
+        assert page.url.endswith("/files?kind=profiles&id=short")
+    with page.expect_event("dialog") as closing:
+        page.evaluate("setTimeout(() => location.reload())")
+    assert closing.value.type == "beforeunload"
+    closing.value.dismiss()
+    page.go_back()
+    question.get_by_role("button", name="Discard changes").click()
+    page.wait_for_url("**/units")
