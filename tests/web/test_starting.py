@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,11 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from bench.acquisition import LiveFile, LiveRun
 from bench.acquisition.profile.profile import load_profile, profile_from_text
 from bench.base import config, library
 from bench.base.errors import InputError
 from bench.record.folder import open_run
 from bench.web.ground.settings import Settings
+from bench.web.live.subject import describe
 from bench.web.people import people
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
@@ -218,6 +221,35 @@ def test_a_check_rehearses_elsewhere_and_says_all_that_is_wrong(settings):
     assert (good["ok"], good["units"], good["curve"][-1]) == (True, ["SIM-0001"], [2970.0, 23.0])
     assert good["duration_s"] > 2970.0
     assert (bad["ok"], bad["findings"][0]["level"], bad["findings"][0]["line"]) == (False, "error", 3)
+
+
+def test_only_a_plan_that_is_as_it_was_shipped_has_the_name_of_the_shipped_one(settings, tmp_path):
+    made, bearer = settings
+    profiles = made.project / "profiles"
+    (profiles / "plans").mkdir()
+    names = ("quick_calibration.yaml", "quick_check.yaml", "quick_static.yaml", "plans/quick.yaml", "quick.yaml")
+    for name in names:
+        shutil.copy(library() / name, profiles / name)
+    hotter = (profiles / "quick.yaml").read_text().replace("to_degc: 50", "to_degc: 70")
+
+    def shipped(way):
+        with served(made) as client:
+            client.headers.update(bearer["viewer"])
+            return {plan["id"] for plan in client.get(f"/api/v1/{way}").json()["plans"] if plan["shipped"]}
+
+    assert {"quick", "quick_check", "ramp_-40_85"} <= shipped("plans")
+    assert "long" not in shipped("plans")
+    assert {"quick", "vibratory"} <= shipped("calibration-plans")
+    (profiles / "quick.yaml").write_text(hotter)
+    check = profiles / "quick_check.yaml"
+    check.write_text(check.read_text().replace("45", "60"))
+    assert {"quick", "quick_check"} & shipped("plans") == set()
+    assert "quick" not in shipped("calibration-plans")
+    run = tmp_path / "run"
+    for text, same in ((hotter, False), ((library() / "quick.yaml").read_text(), True)):
+        run.mkdir(exist_ok=True)
+        (run / "profile.yaml").write_text(text)
+        assert describe(LiveRun((run,), LiveFile(0, 0, "", [], "")), None)["shipped"] is same
 
 
 def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings):

@@ -262,6 +262,16 @@ def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() 
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
 
 
+def test_a_plan_that_was_changed_has_its_own_words_not_those_of_the_shipped_one() -> None:
+    plan = {"id": "quick", "title": "my quick", "summary": "0 to 70 degC"}
+    given = [plan, {**plan, "shipped": True}, {**plan, "shipped": False}]
+    named = spoken("lib/names.js", "planTitle", given, "en")
+    assert named == ["Quick run, 0 to 50\u00a0°C", "Quick run, 0 to 50\u00a0°C", "my quick"]
+    assert spoken("lib/names.js", "planPurpose", given, "en")[2] == "0 to 70 degC"
+    runs = [{"profile": "quick", "shipped": shipped} for shipped in (True, False)]
+    assert spoken("lib/names.js", "planName", runs, "en") == ["Quick run, 0 to 50\u00a0°C", "quick"]
+
+
 def test_a_shipped_station_is_named_whichever_way_its_name_is_written() -> None:
     given = ["four_units", "four-units", "my_own"]
     assert spoken("lib/names.js", "stationName", given) == ["四个产品", "四个产品", "my_own"]

@@ -93,6 +93,11 @@ def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
     raise InputError(f"no {what} '{name[:60]}'; there are {', '.join(listing) or 'none'}{nearest(name, listing)}")
 
 
+def is_shipped(path: Path, shipped: Path) -> bool:
+    """Whether a file is the shipped one, or as it stands the same: the page has a name for that in each language."""
+    return path == shipped.resolve() or (shipped.is_file() and path.read_bytes() == shipped.read_bytes())
+
+
 class Read:
     """A cache of parsed files, which are read again when they change."""
 
@@ -117,6 +122,7 @@ def plan(path: Path) -> dict[str, Any]:
     return {
         "name": profile.name,
         "title": profile.name.replace("_", " "),
+        "shipped": is_shipped(path, library() / path.name),
         "summary": " ".join(profile.description.split()),
         "nominal_s": profile.duration_s,
         "curve": curve(profile),
@@ -145,14 +151,17 @@ def curve(*profiles: Profile) -> list[tuple[float, float]]:
     return [kept[round(i * step)] for i in range(MOST_CORNERS)]
 
 
-def calibration(path: Path) -> dict[str, Any]:
+def calibration(path: Path, read: Read) -> dict[str, Any]:
     """The plan of a calibration in short; raises what reading it, or its profiles, raises."""
-    known = load_config(path, CalibrationPlan)
+    known = read(path, _calibration_plan)
     names = [name for name in (known.static, known.profile, known.verification) if name]
-    profiles = [load_profile(path.parent / name) for name in names]
+    files = [path.parent / name for name in names]
+    profiles = [read(file, load_profile) for file in files]
     legs = [leg for profile in profiles for leg in profile.legs()]
     return {
         "title": known.name.replace("_", " "),
+        "shipped": is_shipped(path, library() / "plans" / path.name)
+        and all(is_shipped(file.resolve(), library() / file.name) for file in files),
         "summary": " ".join(known.description.split()),
         "nominal_s": sum(profile.duration_s for profile in profiles),
         "curve": curve(*profiles),
@@ -160,6 +169,10 @@ def calibration(path: Path) -> dict[str, Any]:
         "attitudes": len({leg.attitude for leg in legs if leg.attitude}),
         "certificate": known.certificate,
     }
+
+
+def _calibration_plan(path: Path) -> CalibrationPlan:
+    return load_config(path, CalibrationPlan)
 
 
 def station(path: Path) -> StationSettings:

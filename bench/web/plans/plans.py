@@ -24,6 +24,8 @@ class Plan(BaseModel):
     id: str
     name: str
     title: str
+    shipped: bool = True
+    """Whether it is as the bench ships it, by this id."""
     summary: str = ""
     nominal_s: float = 0.0
     curve: list[tuple[float, float]] = []
@@ -45,6 +47,8 @@ class CalibrationPlan(BaseModel):
 
     id: str
     title: str
+    shipped: bool = True
+    """Whether it is as the bench ships it, by this id."""
     summary: str = ""
     nominal_s: float = 0.0
     """Of all its runs."""
@@ -149,7 +153,7 @@ def _plan(id_: str, path: Path, belonging: Mapping[str, Any]) -> Plan:
 
 def _calibration(id_: str, path: Path) -> CalibrationPlan:
     return row(
-        lambda: CalibrationPlan(id=id_, **_read(path, catalog.calibration)),
+        lambda: CalibrationPlan(id=id_, **catalog.calibration(path, _read)),
         lambda problem: CalibrationPlan(id=id_, title=id_, problem=problem),
     )
 

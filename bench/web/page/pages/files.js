@@ -15,7 +15,8 @@ const KINDS = ["profiles", "stations", "limits"];
 const PAUSE_MS = 600;
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
-const titleOf = (kind, id) => ({ profiles: () => planTitle({ id, title: id }), stations: () => stationName(id), limits: () => limitsName(id) })[kind]();
+/** Name of a file; a profile of one's own has that of its file, whatever the shipped one says. */
+const titleOf = (kind, id, own) => ({ profiles: () => planTitle({ id, title: id, shipped: !own }), stations: () => stationName(id), limits: () => limitsName(id) })[kind]();
 
 /** The check of a text, asked for a moment after the last key: {result, error, busy}. */
 function useDraft(kind, id, text, station) {
@@ -88,7 +89,7 @@ function File({ kind, id, stations, saved }) {
   const placed = findings.filter(({ line, level }) => line && level !== "info");
   const tone = check.result?.ok === false ? "bad" : "good";
   return html`<form class="edit-file stack" onSubmit=${save}>
-    <h2>${titleOf(kind, id)} <span class="small soft mono">${id}.yaml</span></h2>
+    <h2>${titleOf(kind, id, file.own)} <span class="small soft mono">${id}.yaml</span></h2>
     <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
     <div class=${kind === "profiles" ? "edit-two" : undefined}>
       <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} change=${(next) => {
@@ -137,7 +138,7 @@ export default function Files({ query }) {
         })}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
       <div class="field"><label for="files-id">${t("files.file")}</label>
         <select id="files-id" value=${id} onChange=${(event) => choose(event, id, open)}><option value="">${t("files.choose")}</option>
-          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
+          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one, data.own[kind].includes(one))}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
     ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} stations=${data.stations} saved=${(name) => {
       again();
       if (name !== id) open(name);

@@ -130,7 +130,7 @@ function InTheUnit({ path, run }) {
     return {};
   });
   if (!may("operator")) return null;
-  const options = (all, current) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id} selected=${id === current}>${kind ? planTitle({ id, title }) : limitsName(id, title)}</option>`);
+  const options = (all, current) => all.map((one) => html`<option key=${one.id} value=${one.id} selected=${one.id === current}>${one.kind ? planTitle(one) : limitsName(one.id, one.title)}</option>`);
   return html`<${Part} name="unit">
     ${stations && !station && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
     ${station && html`<div class="run-fields">

@@ -1,11 +1,9 @@
 // Choice of the plan: each with its temperature curve, duration and purpose.
 import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
-import { between, degrees, duration, number, or, t } from "../../lib/words.js";
+import { between, degrees, duration, number, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
-import { planTitle } from "../../lib/names.js";
-
-const planPurpose = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}.for`, plan.summary);
+import { planPurpose, planTitle } from "../../lib/names.js";
 
 const MOST = 24;
 
