@@ -263,6 +263,7 @@ def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings
         stations = {one["id"]: one for one in client.get("/api/v1/stations").json()["stations"]}
         limits = client.get("/api/v1/limits").json()["limits"]
     assert {"long", "short", "hot", "next-1", "quick", "ramp_-40_85"} <= plans.keys()
+    assert [id_ for id_, plan in plans.items() if plan["proposed"]] == ["next-1"]
     assert plans["long"]["summary"] == "Longer than any test."
     assert plans["rates_quick"]["kind"] == "rate"
     assert "broken.yaml:2: segments is 5: must be a list" in plans["broken"]["problem"]

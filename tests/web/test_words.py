@@ -262,6 +262,16 @@ def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() 
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
 
 
+def test_what_a_diagnosis_proposed_is_offered_to_engineers_only() -> None:
+    script = f"""
+    const {{ session }} = await import(new URL("{SOURCE.as_uri()}/lib/store.js"));
+    const offered = (role) => (session.set({{ role }}), given.map(page.isOffered));
+    console.log(JSON.stringify([offered("operator"), offered("engineer")]));
+    """
+    plans = [{"id": "quick", "proposed": False}, {"id": "next-1", "proposed": True}]
+    assert told("lib/names.js", script, plans) == [[True, False], [True, True]]
+
+
 def test_a_plan_that_was_changed_has_its_own_words_not_those_of_the_shipped_one() -> None:
     plan = {"id": "quick", "title": "my quick", "summary": "0 to 70 degC"}
     given = [plan, {**plan, "shipped": True}, {**plan, "shipped": False}]

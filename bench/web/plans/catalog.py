@@ -36,9 +36,17 @@ class Catalog:
     own: Path
     """The server's folder, `<out>/.web`."""
 
+    @property
+    def _proposals(self) -> Path:
+        return self.own / "plans"
+
     def plans(self) -> dict[str, Path]:
         """Profiles by id."""
-        return _listing(library(), self.own / "plans", self.project / "profiles")
+        return _listing(library(), self._proposals, self.project / "profiles")
+
+    def is_proposed(self, path: Path) -> bool:
+        """Whether a diagnosis proposed this profile."""
+        return path.is_relative_to(self._proposals.resolve())
 
     def stations(self) -> dict[str, Path]:
         """Station files by id."""

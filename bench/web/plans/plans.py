@@ -39,6 +39,8 @@ class Plan(BaseModel):
     """Models of that plan."""
     verification: str = ""
     """Profile that verifies the calibrations by this one in that plan; empty for another use."""
+    proposed: bool = False
+    """Whether a diagnosis proposed it."""
     problem: str = ""
 
 
@@ -120,7 +122,8 @@ def plans(here: Here) -> Plans:
     """All profiles."""
     known = Catalog(here.project, here.own)
     belonging = known.belonging()
-    return Plans(plans=[_plan(id_, path, belonging.get(id_, {})) for id_, path in known.plans().items()])
+    more = {id_: {"proposed": known.is_proposed(path), **belonging.get(id_, {})} for id_, path in known.plans().items()}
+    return Plans(plans=[_plan(id_, path, more[id_]) for id_, path in known.plans().items()])
 
 
 @router.get("/calibration-plans")

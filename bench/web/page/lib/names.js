@@ -1,10 +1,14 @@
 // Names of plans and runs for people.
+import { may } from "./store.js";
 import { moment, or, t } from "./words.js";
 
 /** The words of a plan that is as the bench ships it; another one, also of the same name, has its own. */
 const ofPlan = (plan, what, own) => (plan.shipped === false ? own : or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}${what}`, own));
 export const planTitle = (plan) => ofPlan(plan, "", plan.title);
 export const planPurpose = (plan) => ofPlan(plan, ".for", plan.summary);
+
+/** Whether a plan is offered to who is signed in: what a diagnosis proposed is for engineers. */
+export const isOffered = (plan) => !plan.proposed || may("engineer");
 
 /** The same for limits and for a station, which is named by its file or, with a hyphen, by what is in it. */
 export const limitsName = (id, title = id) => or(`limits.${id}`, title);
