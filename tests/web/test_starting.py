@@ -169,7 +169,7 @@ def test_a_run_that_was_killed_says_how_to_go_on(settings):
         kill(pid)
         ended = state_of(client, start, "ended")
         assert (ended["exit_code"], ended["verdict"]) == (None, None)
-        assert f"`bench resume {made.out / run}` goes on with it" in ended["message"]
+        assert f"`bench resume {run}` goes on with it" in ended["message"]
         assert until(lambda: client.get("/api/v1/live").json()["runs"][0]["condition"] == "gone")
         answer = client.post(f"/api/v1/live/{run}/hold", json={})
         assert (answer.status_code, "goes on with it" in answer.json()["detail"]) == (409, True)

@@ -134,7 +134,7 @@ def one(which: Which, request: Request) -> Run:
     start = request.app.state.starts.of_run(which.id)  # before the folder, so that nothing it wrote is missed
     end = watcher_of(request).ended(which.id) or _end(folder, start)
     if end is None:
-        raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
+        raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {which.id}` goes on with it")
     known = story.sound(Manifest, folder)
     gone = LiveRun((folder,), LiveFile(0, 0, known.created if known else "", [], ""))
     about = describe(gone, start)
