@@ -291,7 +291,7 @@ def test_a_curve_has_a_bounded_number_of_corners():
 
 
 def test_a_calibration_is_drawn_with_all_of_its_runs():
-    drawn = catalog.calibration(library() / "plans" / "quick.yaml")
+    drawn = catalog.calibration(library() / "plans" / "quick.yaml", catalog.Read())
     files = [library() / f"quick_{name}.yaml" for name in ("static", "calibration", "check")]
     parts = [catalog.curve(load_profile(file)) for file in files]
     assert drawn["curve"][-1] == (pytest.approx(drawn["nominal_s"], abs=1.0), parts[-1][-1][1])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, wire_findings
 from bench.analysis import effect_names, load_limits, model_files
 from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
-from bench.commands import JobFile, Order, check_on, check_order, load_station, seated, station_file, station_of
+from bench.commands import JobFile, Order, Papers, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
 from bench.record import slug
 from bench.web.ground.problems import within
@@ -198,21 +198,30 @@ def equipment(settings: StationSettings) -> frozenset[str]:
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
-    return _rehearsed(load_profile(Path(wanted["plan"])), station_file(Path(wanted["station"])), wanted["units"])
+    file = station_file(Path(wanted["station"]))
+    return _rehearsed(load_profile(Path(wanted["plan"])), file, wanted["units"], Path(wanted["project"]))
 
 
-def _rehearsed(profile: Profile, file: Document, taken: Sequence[str]) -> dict[str, Any]:
+def _rehearsed(profile: Profile, file: Document, taken: Sequence[str], project: Path) -> dict[str, Any]:
     place, serials = seated(file, taken)
     settings = station_of(place)
     units = settings.chosen(serials)
     drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
     drawn["units"] = [unit.serial for unit in units]
-    findings = check_profile(profile, settings.limits())
+    findings = [*check_profile(profile, settings.limits()), *_of_papers(settings, project)]
     errors = [finding for finding in findings if finding.level == "error"]
     if errors:  # the page shows all of them, not the first line
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
     checked = check_on(profile, settings)
     return {**checked.to_json(), **drawn, "ok": not checked.late, "findings": _told(checked.findings)}
+
+
+def _of_papers(settings: StationSettings, project: Path) -> Iterator[Finding]:
+    """What is wrong with the laboratory and equipment that a station names."""
+    try:
+        Papers.of_station(settings, project / "profiles")
+    except InputError as error:
+        yield from (Finding("error", text) for text in within(project, str(error)).splitlines())
 
 
 def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -243,16 +252,17 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
 
     A profile is rehearsed on the file `station`, as `bench check` does, and has its curve.
     """
-    found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"])
+    project = Path(wanted["project"])
+    found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"], project)
     if errors:
         return {"ok": False, "curve": [], "findings": errors}
     if isinstance(found, Profile):
-        return _rehearsed(found, station_file(Path(wanted["station"])), ())
+        return _rehearsed(found, station_file(Path(wanted["station"])), (), project)
     findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
     return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
 
 
-def loaded(kind: str, text: str, file: str) -> tuple[Any, list[dict[str, Any]]]:
+def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[dict[str, Any]]]:
     """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`."""
     load: dict[str, Callable[[Document], Any]] = {
         "profiles": load_profile,
@@ -260,9 +270,12 @@ def loaded(kind: str, text: str, file: str) -> tuple[Any, list[dict[str, Any]]]:
         "limits": load_limits,
     }
     try:
-        return load[kind](parse_yaml(text, file)), []
+        found = load[kind](parse_yaml(text, file))
+        if isinstance(found, StationSettings):
+            Papers.of_station(found, project / "profiles")
     except (BenchError, DriverError) as error:
-        return None, _by_line(str(error), file)
+        return None, _by_line(within(project, str(error)), within(project, file))
+    return found, []
 
 
 def _by_line(text: str, file: str) -> list[dict[str, Any]]:

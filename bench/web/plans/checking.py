@@ -34,5 +34,5 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
     station = named(known.stations(), intended.station, "station")
     place, serials = seated(station_file(station), intended.units)
     station_of(place).chosen(serials)
-    wanted = {"plan": str(plan), "station": str(station), "units": intended.units}
+    wanted = {"plan": str(plan), "station": str(station), "units": intended.units, "project": str(here.project)}
     return submit(request, "check", "bench.web.plans.catalog:rehearsed", wanted)
