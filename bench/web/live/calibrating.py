@@ -22,10 +22,10 @@ from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.live.finding import folder_of, inside
 from bench.web.live.live import watcher_of
-from bench.web.live.starting import Start, begun, named_by, starts_of
+from bench.web.live.starting import Start, begun, starts_of
 from bench.web.live.starts import Order, jobs_of, serial_of
 from bench.web.live.story import sound
-from bench.web.people.access import Operator, Who
+from bench.web.people.access import Operator, Who, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Name
@@ -217,7 +217,7 @@ def go_on(unit: Id, job: Id, further: Further, request: Request, here: Here, who
         raise HTTPException(409, f"who started it is not known any more: `bench calibrate --unit {now.unit}` goes on")
     if (now.state == "held") != bool(further.release.strip()):
         raise HTTPException(400, "release: a held calibration, and no other, needs a reason to go on")
-    who = named_by(who, further.operator, request)
+    who = named_by(who, further.operator, request, now.start.who)
     start = _widest(JobRecord.read(folder), starts_of(request).by_job())
     mates = [mate.unit for mate in now.together if mate.state in STOPPED and mate.job != now.job]
     going = [now.unit, *(mates if now.state in STOPPED else [])]

@@ -17,9 +17,9 @@ from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.jobs.lanes import Lane
 from bench.web.live.live import watcher_of
-from bench.web.live.starting import Start, begun, named_by, starts_of
+from bench.web.live.starting import Start, begun, starts_of
 from bench.web.live.starts import Order
-from bench.web.people.access import Engineer, Operator, Who
+from bench.web.people.access import Engineer, Operator, Who, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Name
