@@ -2,6 +2,7 @@
 
 import pytest
 
+from bench.web.people import people
 from tests.support.servers import site_over
 
 
@@ -41,3 +42,21 @@ def test_changes_that_are_not_saved_are_not_lost_without_a_question(address, vis
     page.go_back()
     question.get_by_role("button", name="Discard changes").click()
     page.wait_for_url("**/units")
+
+
+def test_who_may_not_change_a_file_reads_it_and_is_told_so(tmp_path, project, visitors):
+    access = tmp_path / "access.yaml"
+    token = people.add_person(access, "screen", "viewer")
+    with site_over(tmp_path / "out", "--access", str(access), project=project) as site:
+        page = visitors.come(site.address)
+        page.goto("/files?kind=profiles&id=short")
+        page.get_by_label("Token").fill(token)
+        page.keyboard.press("Enter")
+        page.get_by_text("Only engineers may change it.").wait_for()
+        assert page.locator("textarea").get_attribute("readonly") is not None
+        page.wait_for_load_state("networkidle")
+        assert page.locator(".notice.bad").count() == 0
+        page.goto("/laboratory?station=bare")
+        page.get_by_text("Only engineers may change it.").first.wait_for()
+        assert page.locator(".papers form :is(input, select, button):enabled").count() == 0
+        page.close()

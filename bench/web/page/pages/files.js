@@ -40,7 +40,7 @@ function useDraft(kind, id, text, station) {
 }
 
 /** The text with the numbers of its lines; those with an error are marked. */
-function Editor({ text, wrong, change, focus }) {
+function Editor({ text, wrong, change, focus, closed }) {
   const area = useRef(null);
   const numbers = useRef(null);
   const lines = text.split("\n").length;
@@ -52,7 +52,7 @@ function Editor({ text, wrong, change, focus }) {
     area.current.scrollTop = (focus.line - 4) * (area.current.scrollHeight / lines);
   }, [focus]);
   return html`<div class="edit"><ol class="edit-numbers" aria-hidden="true" ref=${numbers}>${Array.from({ length: lines }, (_, index) => html`<li key=${index} class=${wrong.has(index + 1) ? "wrong" : undefined}>${index + 1}</li>`)}</ol>
-    <textarea ref=${area} class="mono" aria-label=${t("files.text")} aria-invalid=${wrong.size > 0} spellcheck=${false} autocomplete="off" autocapitalize="off" wrap="off" value=${text}
+    <textarea ref=${area} class="mono" aria-label=${t("files.text")} aria-invalid=${wrong.size > 0} spellcheck=${false} autocomplete="off" autocapitalize="off" wrap="off" readonly=${closed} value=${text}
       onInput=${(event) => change(event.target.value)} onScroll=${(event) => (numbers.current.scrollTop = event.target.scrollTop)}></textarea></div>`;
 }
 
@@ -69,7 +69,8 @@ function File({ kind, id, stations, saved }) {
       setText(found.text);
     }, (error) => setState({ error }));
   }, []);
-  const check = useDraft(kind, id, text, station);
+  const mine = may("engineer");
+  const check = useDraft(kind, id, mine ? text : null, station);
   const findings = check.result?.findings ?? [];
   const changed = Boolean(file) && text !== file.text;
   useUnsaved(changed);
@@ -92,18 +93,18 @@ function File({ kind, id, stations, saved }) {
     <h2>${titleOf(kind, id, file.own)} <span class="small soft mono">${id}.yaml</span></h2>
     <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
     <div class=${kind === "profiles" ? "edit-two" : undefined}>
-      <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} change=${(next) => {
+      <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} closed=${!mine} change=${(next) => {
         setText(next);
         setState({});
       }} />
         <${Trouble} error=${state.error} />
-        ${may("engineer") && html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
+        ${!mine ? html`<p>${t("papers.engineers")}</p>` : html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
           <button type="submit" class="primary" disabled=${state.busy || !NAME.test(name) || (!changed && name === id)}>${t(file.own && name === id ? "files.save" : "files.save_own")}</button>
           <button type="button" disabled=${!changed} onClick=${() => setText(file.text)}>${t("files.back")}</button>
           <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div>`}
       </div>
       <div class="stack">
-        ${kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
+        ${mine && kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
         ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
         <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${t(tone === "good" ? "files.good" : "files.bad")}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
