@@ -72,7 +72,7 @@ def exports(request: Request, unit: Id, run: Id) -> Exports:
     """Formats of a run, or of the whole inertial unit that was calibrated by it, and the files that were exported."""
     folder = index_of(request).folder(unit, run)
     formats = FORMATS if whole_of(folder) == folder else IMU_FORMATS
-    return Exports(formats=[*formats, *MEASURED], files=sorted(_exported(folder)))
+    return Exports(formats=list(dict.fromkeys([*formats, *MEASURED])), files=sorted(_exported(folder)))
 
 
 def _exported(folder: Path) -> dict[str, Path]:
