@@ -223,6 +223,34 @@ def test_a_check_rehearses_elsewhere_and_says_all_that_is_wrong(settings):
     assert (bad["ok"], bad["findings"][0]["level"], bad["findings"][0]["line"]) == (False, "error", 3)
 
 
+@pytest.mark.parametrize(
+    ("plan", "limits", "said"),
+    [
+        ("quick", "vibratory", "the limits ask for -38 degC or less and 83 degC or more, the plan goes from 0 to 50"),
+        (
+            "quick",
+            "hot",
+            "the limits ask for 60 degC or more, the plan goes from 0 to 50 degC: the run would be INVALID",
+        ),
+        ("quick", "quick", ""),
+        ("ramp_-40_85", "vibratory", ""),
+    ],
+)
+def test_limits_that_no_set_point_of_the_plan_can_meet_are_warned_of_before_the_start(settings, plan, limits, said):
+    made, bearer = settings
+    (made.project / "profiles" / "limits").mkdir()
+    (made.project / "profiles" / "limits" / "hot.yaml").write_text(
+        "name: hot\nlimits:\n  - {quantity: highest_temperature_degc, unit: degC, lower: 60, reason: it is hot}\n"
+    )
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        job = client.post("/api/v1/checks", json={"plan": plan, "limits": limits}).json()["job"]
+        found = until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])
+    texts = [one["text"] for one in found["findings"] if one["level"] == "warning" and "the limits ask" in one["text"]]
+    assert found["ok"]
+    assert [text[: len(said)] for text in texts] == ([said] if said else [])
+
+
 def test_only_a_plan_that_is_as_it_was_shipped_has_the_name_of_the_shipped_one(settings, tmp_path):
     made, bearer = settings
     profiles = made.project / "profiles"

@@ -22,10 +22,9 @@ router = APIRouter(tags=["starting"])
 
 
 class Wanted(Intended):
-    """A run to start; models and limits by name, in place of the defaults."""
+    """A run to start; models by name, in place of the defaults."""
 
     models: list[Name] = Field(default=[], max_length=8)
-    limits: Name | None = None
     operator: str = Field(default="", max_length=80)
     """Who works at the bench, where nobody has to sign in."""
     queue: bool = False

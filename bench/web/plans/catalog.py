@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, wire_findings
-from bench.analysis import effect_names, load_limits, model_files
+from bench.analysis import Limits, effect_names, load_limits, model_files
 from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
 from bench.commands import JobFile, Order, Papers, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
@@ -198,11 +198,14 @@ def equipment(settings: StationSettings) -> frozenset[str]:
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
-    file = station_file(Path(wanted["station"]))
-    return _rehearsed(load_profile(Path(wanted["plan"])), file, wanted["units"], Path(wanted["project"]))
+    profile, file = load_profile(Path(wanted["plan"])), station_file(Path(wanted["station"]))
+    limits = load_limits(Path(wanted["limits"])) if wanted["limits"] else None
+    return _rehearsed(profile, file, wanted["units"], Path(wanted["project"]), limits)
 
 
-def _rehearsed(profile: Profile, file: Document, taken: Sequence[str], project: Path) -> dict[str, Any]:
+def _rehearsed(
+    profile: Profile, file: Document, taken: Sequence[str], project: Path, limits: Limits | None = None
+) -> dict[str, Any]:
     place, serials = seated(file, taken)
     settings = station_of(place)
     units = settings.chosen(serials)
@@ -212,7 +215,7 @@ def _rehearsed(profile: Profile, file: Document, taken: Sequence[str], project: 
     errors = [finding for finding in findings if finding.level == "error"]
     if errors:  # the page shows all of them, not the first line
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
-    checked = check_on(profile, settings)
+    checked = check_on(profile, settings, limits)
     return {**checked.to_json(), **drawn, "ok": not checked.late, "findings": _told(checked.findings)}
 
 
