@@ -262,6 +262,12 @@ def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() 
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
 
 
+def test_a_day_is_not_broken_into_lines() -> None:
+    for language, written in (("en", "Nov 23, 2026"), ("uk", "23 лист. 2026 р.")):
+        said = spoken("lib/words.js", "day", ["2026-11-23T12:00:00Z"], language)
+        assert said == [written.replace(" ", "\u00a0")]
+
+
 def test_what_a_diagnosis_proposed_is_offered_to_engineers_only() -> None:
     script = f"""
     const {{ session }} = await import(new URL("{SOURCE.as_uri()}/lib/store.js"));
