@@ -139,7 +139,14 @@ def verify_archive(out: Path) -> commands.Result:
     return commands.verify_archive(out)
 
 
-profile_option = click.option("--profile", help="Only runs of this profile. Default: the one that most units have run.")
+which_options = together(
+    click.option("--profile", help="Only runs of this profile. Default: the one that most units have run."),
+    click.option(
+        "--simulated/--real",
+        default=None,
+        help="Simulated runs alone, or none of them. Default: they count only where there are no others.",
+    ),
+)
 
 
 engine_options = together(
@@ -157,7 +164,7 @@ engine_options = together(
 
 @click.group(invoke_without_command=True)
 @click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
-@profile_option
+@which_options
 @path_option("--limits", help="Limits file (YAML): yield and Cpk are against it.")
 @path_option("--html", help="Write the page here.")
 @path_option("--csv", help="Write one line per unit and quantity here.")
@@ -175,7 +182,7 @@ def fleet(context: click.Context, /, as_json: bool, **options: Any) -> None:
 @fleet.command("gauge")
 @click.argument("quantity")
 @click.option("--unit-filter", "pattern", metavar="REGEX", help="Only units whose whole serial matches.")
-@profile_option
+@which_options
 @path_option("--limits", help="Limits file (YAML): the tolerance is the width between the limits of QUANTITY.")
 @shelf_options
 @answers
@@ -190,7 +197,7 @@ def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> 
 
 @fleet.command("refit")
 @model_argument
-@profile_option
+@which_options
 @path_option("--moments", help="Moments file. Default: that of the registry's runs.")
 @path_option("--records", help="Write the records here. Default: beside the moments.")
 @engine_options
@@ -205,7 +212,7 @@ def fleet_refit(
 
 @fleet.command("diagnose")
 @model_argument
-@profile_option
+@which_options
 @click.option("--again", is_flag=True, help="Also units whose run has a diagnosis of this model already.")
 @engine_options
 @shelf_options

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -211,14 +211,30 @@ def refuse_wrong(
     return Papers.of_station(station)
 
 
-def check_on(profile: acquisition.Profile, station: acquisition.StationSettings) -> Checked:
-    """A profile without errors, rehearsed on a station."""
+def check_on(
+    profile: acquisition.Profile, station: acquisition.StationSettings, limits: analysis.Limits | None = None
+) -> Checked:
+    """A profile without errors, rehearsed on a station; `limits` are those that the run is to be judged by."""
     segments = acquisition.rehearse(profile, station)
     duration_s, recording = segments[-1].to_s, acquisition.recording_of(station, shutil.disk_usage(Path.cwd()).free)
     guarded = acquisition.guards_told(station.standing_guards())
     about = acquisition.check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
-    findings = (*about, *acquisition.wire_findings(station))
+    findings = (*about, *acquisition.wire_findings(station), *_not_reached(profile, limits))
     return Checked(profile, station, segments, findings, round(duration_s * recording.bytes_per_s))
+
+
+def _not_reached(profile: acquisition.Profile, limits: analysis.Limits | None) -> Iterator[acquisition.Finding]:
+    """What limits of the range of temperature ask for where no set point of the profile gets there."""
+    known = {} if limits is None else {limit.subject: limit for limit in limits.limits}
+    low, high = min(profile.corners()[1]), max(profile.corners()[1])
+    coldest, hottest = known.get("lowest_temperature_degc"), known.get("highest_temperature_degc")
+    least = None if coldest is None else coldest.upper
+    most = None if hottest is None else hottest.lower
+    if (least is not None and low > least) or (most is not None and high < most):
+        ends = [f"{least:g} degC or less"] if least is not None else []
+        asked = " and ".join([*ends, *([f"{most:g} degC or more"] if most is not None else [])])
+        text = f"the limits ask for {asked}, the plan goes from {low:g} to {high:g} degC: the run would be INVALID; "
+        yield acquisition.Finding("warning", f"{text}choose other limits, or another plan", profile.file)
 
 
 def init(folder: Path) -> Copied:

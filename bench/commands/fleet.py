@@ -22,6 +22,7 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     *,
     pattern: str | None,
     profile: str | None,
+    simulated: bool | None,
     limits: Path | None,
     html: Path | None,
     csv: Path | None,
@@ -29,7 +30,7 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     """Yield, capability, charts, drifts, odd units."""
     bounds = analysis.load_limits(limits) if limits else None
     with existing(out, where) as registry:
-        units = archive.fleet_of(registry, pattern, archive.Selection(profile))
+        units = archive.fleet_of(registry, pattern, archive.Selection(profile, simulated=simulated))
     found = archive.statistics(units, bounds)
     for path, made in ((html, archive.render), (csv, archive.safe_csv)):
         if path is not None:
@@ -54,16 +55,21 @@ def diagnose_units(
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", out)
     with open_in(out, where) as registry:
         begun = time.perf_counter()
-        found = archive.diagnose_fleet(
-            registry, archive.archive(out), model, engine, archive.Selection(options.profile), again=again
-        )
+        found = archive.diagnose_fleet(registry, archive.archive(out), model, engine, options.selection, again=again)
     if not found.told and not found.failed:
         raise InputError(f"no finished run to diagnose: {'; '.join(found.left_out) or 'none is registered'}", out)
     return FleetDiagnosed(model.name, found, name, time.perf_counter() - begun)
 
 
-def gauge(
-    quantity: str, out: Path, where: str | None, *, pattern: str | None, profile: str | None, limits: Path | None
+def gauge(  # noqa: PLR0913 - options of one command, by keyword
+    quantity: str,
+    out: Path,
+    where: str | None,
+    *,
+    pattern: str | None,
+    profile: str | None,
+    simulated: bool | None,
+    limits: Path | None,
 ) -> GaugeJudged:
     """`bench fleet gauge`: repeatability and reproducibility of a quantity, from units that stations measured again.
 
@@ -72,7 +78,7 @@ def gauge(
     import numpy as np
 
     with existing(out, where) as registry:
-        every, units, left_out = archive.selected(registry, pattern, archive.Selection(profile))
+        every, units, left_out = archive.selected(registry, pattern, archive.Selection(profile, simulated=simulated))
     runs = [run for run in every if quantity in run.values]
     if not runs:
         raise InputError(f"no run has the quantity '{quantity}'{nearest_or_all(quantity, sorted(units))}", out)

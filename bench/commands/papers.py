@@ -37,9 +37,9 @@ class Papers:
         return cls.of_files(*kept)
 
     @classmethod
-    def of_station(cls, station: acquisition.StationSettings) -> Papers:
-        """Those that a station names; InputError where one does not exist or is wrong."""
-        found = cls.of_files(*(_named(kind, station) for kind in PAPERS))
+    def of_station(cls, station: acquisition.StationSettings, own: Path = OWN) -> Papers:
+        """Those that a station names; InputError where one does not exist or is wrong. `own`: the user's own files."""
+        found = cls.of_files(*(_named(kind, station, own) for kind in PAPERS))
         if found.laboratory is not None:
             deliver.load_laboratory(found.laboratory)
         if found.equipment is not None:
@@ -69,16 +69,16 @@ def _for(station: acquisition.StationSettings) -> str:
     return f"station_{slug(station.name)}"
 
 
-def _named(kind: str, station: acquisition.StationSettings) -> Path | None:
+def _named(kind: str, station: acquisition.StationSettings, home: Path) -> Path | None:
     """The user's own file of a station, or a shipped one of that name; None where it names none and there is none."""
-    own, given = own_paper(kind, station), getattr(station, kind)
+    own, given = own_paper(kind, station, home), getattr(station, kind)
     if own.is_file():
         return own
     if given is not None and is_map_file(given):
         raise InputError(f"{kind}: {own}: no such file", *station.place(kind))
     if given is None:
         return None
-    folders = (OWN / kind, library() / kind)
+    folders = (home / kind, library() / kind)
     for folder in folders:
         if (folder / f"{given}.yaml").is_file():
             return folder / f"{given}.yaml"

@@ -21,12 +21,18 @@ SMALL = 4
 
 @dataclass(frozen=True)
 class RefitOptions:
-    """Where to compute, and the runs of which profile; `workers` None: one a processor."""
+    """Where to compute, and which runs count; `workers` None: one a processor."""
 
     engine: str = "auto"
     workers: int | None = None
     scheduler: str | None = None
     profile: str | None = None
+    simulated: bool | None = None
+
+    @property
+    def selection(self) -> archive.Selection:
+        """Which runs count."""
+        return archive.Selection(self.profile, simulated=self.simulated)
 
 
 def refit(
@@ -69,7 +75,7 @@ def _collected(root: Path, where: str | None, options: RefitOptions) -> tuple[Pa
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
     path = root / "moments.parquet"
     with open_in(root, where) as registry:
-        selection = archive.Selection(options.profile)
+        selection = options.selection
         done = archive.collect(
             registry, archive.archive(root), path, lambda groups: engine_of(options, groups)[1], selection
         )

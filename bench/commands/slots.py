@@ -36,7 +36,8 @@ def seated(station: Document, units: Sequence[str]) -> tuple[Document, list[str]
             moved[slot] = new
     if not moved:
         return station, serials
-    content = {**station.content, "units": [_renamed(entry, moved, station) for entry in entries or ()]}
+    seats = [_renamed(entry, moved, station) for entry in entries or ()]
+    content = {**station.content, "units": [_beside(seat, seats, serials) for seat in seats]}
     return replace(station, content=content, text=dump(content)), serials
 
 
@@ -45,6 +46,14 @@ def _refuse_wrong(new: str, slot: str, others: set[str], station: Document) -> N
         raise InputError(f"serial number {new[: LONGEST + 1]!r} must be 1 to {LONGEST} visible characters")
     if new in others:
         raise InputError(f"unit '{new}' has a slot of its own; leave out '@{slot}'", station.file)
+
+
+def _beside(seat: dict[str, Any], seats: Sequence[dict[str, Any]], serials: Sequence[str]) -> dict[str, Any]:
+    """A unit that is not asked for may have the number that a new one sends: its own is not checked then."""
+    sent = {str(one.get("identity")) for one in seats if str(one.get("serial")) in serials}
+    if str(seat.get("serial")) in serials or str(seat.get("identity")) not in sent:
+        return seat
+    return {name: value for name, value in seat.items() if name != "identity"}
 
 
 def _renamed(entry: dict[str, Any], moved: dict[str, str], station: Document) -> dict[str, Any]:

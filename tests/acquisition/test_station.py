@@ -97,6 +97,10 @@ def test_all_units_run_where_none_is_named_and_a_name_has_to_be_known():
         ({"units": [{"serial": "G1", "bus": "can1"}]}, "bus 'can1' is not in this station; known: can0"),
         ({"units": [{"serial": "G1", "bus": "can0"}] * 2}, "serial number G1 stands twice"),
         ({"units": [{"serial": s, "bus": "can0"} for s in "AB"]}, "B and A are both number 0 on can0"),
+        (
+            {"units": [{"serial": s, "bus": "can0", "number": n, "identity": 7} for n, s in enumerate("AB")]},
+            "units[1].identity: identity is 7, as that of A on can0",
+        ),
         ({"guards": [{"name": "g", "signal": "alarm"}]}, "at least one of above, below, rate_per_min"),
         (
             {"unit_silent_s": 9.0, "guards": [{"name": "unit silent", "signal": "frame_age", "above": 7.0}]},

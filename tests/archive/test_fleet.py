@@ -374,3 +374,12 @@ def test_columns_of_few_entries_are_those_of_a_sparse_matrix():
     of_groups = sparse.csr_array((np.ones(50), (group, np.arange(50))), shape=(4, 50))
     assert np.array_equal(columns.sums(group, 4), (of_groups @ whole).todense())
     assert np.array_equal(columns.at(y > 0.0).gram(), (whole[y > 0.0].T @ whole[y > 0.0]).todense())
+
+
+def test_simulated_runs_alone_or_none_of_them_can_be_asked_for(tmp_path):
+    for number, simulated in enumerate((True, True, False)):
+        station(tmp_path, f"U-{number}", "S", number, residual=0.1, simulated=simulated)
+    bench("registry", "rebuild", "--out", tmp_path)
+    asked = {(): 1, ("--real",): 1, ("--simulated",): 2}
+    said = {option: bench("fleet", *option, "--out", tmp_path, "--json").stdout for option in asked}
+    assert {option: json.loads(text)["units"] for option, text in said.items()} == asked

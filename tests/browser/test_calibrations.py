@@ -27,7 +27,7 @@ def fill_in_papers(page, touch):
         button.tap() if touch else button.click()
 
     for label, text in (("Laboratory", "Laboratory of tests"), ("Who signs", "Olha Koval")):
-        page.locator("#laboratory ~ .papers-fields").get_by_label(label).fill(text)
+        page.locator("#laboratory ~ fieldset .papers-fields").get_by_label(label).fill(text)
     save("Save Laboratory")
     page.get_by_text("Saved.").wait_for()
     for label, text in (("Instrument (", "chamber sensor"), ("Serial number", "P-1"), ("Valid until", "2999-12-31"),

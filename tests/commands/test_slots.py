@@ -34,6 +34,15 @@ def test_a_new_unit_takes_the_slot_of_a_known_one_and_its_number_is_expected_in_
     assert units_of(again) == after
 
 
+def test_a_unit_that_is_not_asked_for_may_have_the_number_that_a_new_one_sends():
+    four = station_file(library() / "stations" / "four_units.yaml")
+    place, _ = seated(four, ["GX-2@SIM-0001"])
+    assert [(serial, identity) for serial, identity, _ in units_of(place)][:2] == [("GX-2", 2), ("SIM-0002", None)]
+    both, _ = seated(four, ["GX-2@SIM-0001", "SIM-0002"])
+    with pytest.raises(InputError, match="identity is 2, as that of GX-2 on can0"):
+        station_of(both)
+
+
 def test_a_station_without_new_units_stays_as_it_was_written():
     document = station_file(None)
     assert seated(document, ["SIM-0001"]) == (document, ["SIM-0001"])

@@ -101,9 +101,11 @@ def test_a_whole_inertial_unit_is_exported_and_certified_by_its_run(tmp_path):
     with served(Settings(tmp_path / "out", project=tmp_path)) as client:
         run = f"/api/v1/runs/SIM-IMU-0042/{folder.name}"
         formats = client.get(f"{run}/exports").json()["formats"]
-        assert set(formats) == {*IMU_FORMATS, *MEASURED}
+        assert sorted(formats) == sorted({*IMU_FORMATS, *MEASURED})
+        (noise,) = done(client, f"{run}/exports", format="kalibr")["files"]
+        assert "accelerometer_noise_density" in (whole / "export" / noise).read_text()
         files = done(client, f"{run}/exports", format="json")["files"]
-        assert client.get(f"{run}/exports").json()["files"] == files
+        assert client.get(f"{run}/exports").json()["files"] == sorted([*files, noise])
         assert client.get(f"{run}/exports/{files[0]}").content == (whole / "export" / files[0]).read_bytes()
         assert not (folder / "export").exists()
         issued = done(client, f"{run}/certificate")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from bench.base import library, read_yaml
+from bench.base import InputError, library, read_yaml
 from bench.cli import main
 from bench.commands import Order
 from bench.commands.calibration.calibrate import calibrate, calibrate_all
@@ -265,14 +265,7 @@ def test_units_that_began_together_are_told_together_and_one_goes_on_alone(setti
         orders[:1], steps=[Fake("check"), Fake("static", done=Done("", cases=[Case("static", skipped=True)]))]
     )
     calibrate_all(orders[1:], steps=[Fake("check"), held])
-    start = StartRecord(
-        start="20261123T000000Z-0", digest=orders[0].digest(), digests=tuple(order.digest() for order in orders),
-        plan="brief", station="four_units", units=tuple(units), who={"name": "Olena"},
-        started="2026-01-01T00:00:00.000+00:00",
-    )  # fmt: skip
-    folder = settings.own / "starts" / start.start
-    folder.mkdir(parents=True)
-    start.write(folder)
+    record(settings, units, orders)
     with served(settings) as client:
         listed = client.get("/api/v1/calibrations").json()["jobs"]
         assert {job["unit"]: job["state"] for job in listed} == {"SIM-0001": "ended", "GX-2": "held"}
@@ -290,6 +283,42 @@ def test_units_that_began_together_are_told_together_and_one_goes_on_alone(setti
         assert begun[1].arguments(settings.out).count("--unit") == 2
         twice = client.post("/api/v1/calibrations", json={**whole, "others": ["SIM-0001"]})
         assert (twice.status_code, "named twice" in twice.json()["detail"]) == (400, True)
+
+
+def record(settings, units, orders, started="2026-01-01T00:00:00.000+00:00"):
+    """The record of a start of these units, which has ended."""
+    start = StartRecord(
+        start=f"{started[:4]}1123T000000Z-0", digest=orders[0].digest(), plan="brief", station="four_units",
+        digests=tuple(order.digest() for order in orders), units=tuple(units), who={"name": "Olena"},
+        started=started,
+    )  # fmt: skip
+    folder = settings.own / "starts" / start.start
+    folder.mkdir(parents=True)
+    start.write(folder)
+
+
+def test_all_units_that_stopped_together_go_on_together(settings, monkeypatch):
+    plan, station = settings.project / "profiles/plans/brief.yaml", library() / "stations" / "four_units.yaml"
+    units = ["SIM-0001", "GX-2@SIM-0002", "SIM-0003"]
+    orders = Order.load_all(plan, station, units, settings.out, quiet=True)
+    jobs = calibrate_all(orders, steps=[Fake("check"), Fake("run", errors=[InputError("stopped")] * 3)])
+    jobs[2].end("FAIL", "fit: outside limits", 1)
+    record(settings, units, orders)
+    id_ = f"GX-2/{jobs[1].folder.name}"
+    begun = []
+    monkeypatch.setattr("bench.web.live.calibrating.begun", lambda order, _: begun.append(order) or start_of(order))
+    with served(settings) as client:
+        assert client.post(f"/api/v1/calibrations/{id_}/continue", json={}).status_code == 202
+        record(settings, begun[0].units[:1], orders[1:2], "2999-01-01T00:00:00.000+00:00")  # one alone
+        mates = client.get(f"/api/v1/calibrations/{id_}").json()["together"]
+    assert (begun[0].units, begun[0].digests) == (
+        ["GX-2@SIM-0002", "SIM-0001"], [orders[1].digest(), orders[0].digest()],
+    )  # fmt: skip
+    assert {mate["unit"]: mate["state"] for mate in mates} == {
+        "SIM-0001": "failed",
+        "GX-2": "failed",
+        "SIM-0003": "ended",
+    }
 
 
 def start_of(order):

@@ -64,6 +64,18 @@ def test_a_station_that_cannot_be_read_is_not_saved(bench):
     refused = client.put("/api/v1/files/stations/bare", json={"text": broken, "digest": opened["digest"]})
     assert (refused.status_code, "line" in refused.json()["detail"]) == (400, True), refused.text
     assert (project / "profiles" / "stations" / "bare.yaml").read_text() == opened["text"]
+    unit = "  - {serial: BARE-2, bus: can0, number: 1, identity: 1}\n"
+    missing = opened["text"].replace("simulated: true", "simulated: true\nequipment: mine", 1)
+    for text, line, words in (
+        (opened["text"].rstrip() + f"\n{unit}", unit.strip(), "identity is 1, as that of BARE-1 on can0"),
+        (missing, "equipment: mine", "no equipment file is called 'mine'"),
+    ):
+        told = done(client, "/api/v1/files/stations/bare/checks", text=text)["findings"]
+        (found,) = [one for one in told if one["level"] == "error"]
+        assert (words in found["text"], text.splitlines()[found["line"] - 1].strip()) == (True, line)
+        refused = client.put("/api/v1/files/stations/bare", json={"text": text, "digest": opened["digest"]})
+        assert refused.json()["detail"] == f"line {found['line']}: {found['text']}"
+        assert refused.status_code == 400
     profile = {"text": bench_project.SHORT.replace("name: short", "nam: short"), "digest": ""}
     assert client.put("/api/v1/files/profiles/new", json=profile).status_code == 400
     outside = client.put("/api/v1/files/stations/..%2fx", json={"text": "", "digest": ""})

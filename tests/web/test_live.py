@@ -130,7 +130,7 @@ def test_an_analysis_that_dies_is_told_with_why_and_what_to_do(desk, folder, rec
     watcher.turn(30.0)
     last = heard.ends[-1]
     assert (last["state"], last["analysing"], last["units"][0]["analysed"]) == ("done", False, False)
-    assert last["units"][0]["sentence"] == f"not analysed: no disk; `bench report {folder}` analyses it"
+    assert last["units"][0]["sentence"] == "not analysed: no disk; `bench report G-1/run` analyses it"
     assert watcher.ended("G-1/run") is None
 
 
@@ -160,7 +160,7 @@ def test_a_run_without_report_is_not_analysed_whatever_server_tells_it(folder, o
         monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, **start} if start else None)
         end = client.get("/api/v1/live/G-1/run").json()["ended"]
         assert (end["state"], end["analysing"], end["units"][0]["analysed"]) == ("done", False, False)
-        assert end["units"][0]["sentence"] == f"not analysed: {words}; `bench report {folder}` analyses it"
+        assert end["units"][0]["sentence"] == f"not analysed: {words}; `bench report G-1/run` analyses it"
         monkeypatch.setattr(Starts, "of_run", lambda self, run: {**about, "state": "running", "exit_code": None})
         assert client.get("/api/v1/live/G-1/run").json()["ended"]["analysing"]
         (folder / "report.html").write_text("")
@@ -209,7 +209,7 @@ def test_a_killed_run_stays_in_view_and_says_how_to_go_on(desk, folder, watcher,
         watcher.turn(turn * 2 * SILENT_S)
     told = heard.runs[0].told()
     assert (told["condition"], told["state"], heard.ends) == ("gone", "gone", [])
-    assert f"`bench resume {folder}` goes on with it" in told["detail"]
+    assert "`bench resume G-1/run` goes on with it" in told["detail"]
 
 
 def test_a_run_that_does_not_answer_is_silent_and_left_alone_for_a_while(folder, watcher, heard, monkeypatch):

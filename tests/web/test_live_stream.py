@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from bench.acquisition.recording.trace import Trace
 from bench.web.ground.settings import Settings
 from bench.web.live.mirror import Mirror
+from bench.web.live.starts import Starts
 from bench.web.live.streaming import KEPT, KEPT_ENDS, Stream
 from bench.web.live.telling import Teller
 from bench.web.people import people
@@ -155,7 +156,20 @@ def test_operators_act_viewers_look_and_the_run_knows_who_it_was(desk, folder, o
         assert desk._sequencer.asked == []
         answer = client.post(f"{at}/hold?wait_s=0", headers=bearer["operator"], json={}).json()
         assert (answer["asked"], answer["done"], answer["state"]) == ("hold", False, "running")
+        named = client.post(f"{at}/hold?wait_s=0", headers=bearer["operator"], json={"operator": "Olena"})
+        assert (named.status_code, "signed in" in named.json()["detail"]) == (400, True)
     assert desk._sequencer.asked == [("request_hold", "Operator (operator) from 127.0.0.1")]
+
+
+def test_where_nobody_signs_in_a_run_is_asked_by_who_is_named_else_by_who_started_it(desk, folder, out, monkeypatch):
+    start = {"start": "s", "who": {"name": "Olena"}, "digest": "", "plan": "p", "station": "s", "units": []}
+    monkeypatch.setattr(Starts, "saw", lambda self, pid, runs: start)
+    with live(desk, folder), served(Settings(out=out)) as client:
+        until(lambda: client.get("/api/v1/live").json()["runs"])
+        for body in ({"operator": "Ivan"}, {}):
+            assert client.post("/api/v1/live/G-1/run/hold?wait_s=0", json=body).status_code == 200
+    names = ("Ivan", "Olena")
+    assert desk._sequencer.asked == [("request_hold", f"{name} (engineer) from 127.0.0.1") for name in names]
 
 
 def test_what_is_not_live_is_said_in_one_line(folder, out):

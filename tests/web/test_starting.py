@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,11 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from bench.acquisition import LiveFile, LiveRun
 from bench.acquisition.profile.profile import load_profile, profile_from_text
 from bench.base import config, library
 from bench.base.errors import InputError
 from bench.record.folder import open_run
 from bench.web.ground.settings import Settings
+from bench.web.live.subject import describe
 from bench.web.people import people
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
@@ -166,7 +169,7 @@ def test_a_run_that_was_killed_says_how_to_go_on(settings):
         kill(pid)
         ended = state_of(client, start, "ended")
         assert (ended["exit_code"], ended["verdict"]) == (None, None)
-        assert f"`bench resume {made.out / run}` goes on with it" in ended["message"]
+        assert f"`bench resume {run}` goes on with it" in ended["message"]
         assert until(lambda: client.get("/api/v1/live").json()["runs"][0]["condition"] == "gone")
         answer = client.post(f"/api/v1/live/{run}/hold", json={})
         assert (answer.status_code, "goes on with it" in answer.json()["detail"]) == (409, True)
@@ -220,6 +223,63 @@ def test_a_check_rehearses_elsewhere_and_says_all_that_is_wrong(settings):
     assert (bad["ok"], bad["findings"][0]["level"], bad["findings"][0]["line"]) == (False, "error", 3)
 
 
+@pytest.mark.parametrize(
+    ("plan", "limits", "said"),
+    [
+        ("quick", "vibratory", "the limits ask for -38 degC or less and 83 degC or more, the plan goes from 0 to 50"),
+        (
+            "quick",
+            "hot",
+            "the limits ask for 60 degC or more, the plan goes from 0 to 50 degC: the run would be INVALID",
+        ),
+        ("quick", "quick", ""),
+        ("ramp_-40_85", "vibratory", ""),
+    ],
+)
+def test_limits_that_no_set_point_of_the_plan_can_meet_are_warned_of_before_the_start(settings, plan, limits, said):
+    made, bearer = settings
+    (made.project / "profiles" / "limits").mkdir()
+    (made.project / "profiles" / "limits" / "hot.yaml").write_text(
+        "name: hot\nlimits:\n  - {quantity: highest_temperature_degc, unit: degC, lower: 60, reason: it is hot}\n"
+    )
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        job = client.post("/api/v1/checks", json={"plan": plan, "limits": limits}).json()["job"]
+        found = until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])
+    texts = [one["text"] for one in found["findings"] if one["level"] == "warning" and "the limits ask" in one["text"]]
+    assert found["ok"]
+    assert [text[: len(said)] for text in texts] == ([said] if said else [])
+
+
+def test_only_a_plan_that_is_as_it_was_shipped_has_the_name_of_the_shipped_one(settings, tmp_path):
+    made, bearer = settings
+    profiles = made.project / "profiles"
+    (profiles / "plans").mkdir()
+    names = ("quick_calibration.yaml", "quick_check.yaml", "quick_static.yaml", "plans/quick.yaml", "quick.yaml")
+    for name in names:
+        shutil.copy(library() / name, profiles / name)
+    hotter = (profiles / "quick.yaml").read_text().replace("to_degc: 50", "to_degc: 70")
+
+    def shipped(way):
+        with served(made) as client:
+            client.headers.update(bearer["viewer"])
+            return {plan["id"] for plan in client.get(f"/api/v1/{way}").json()["plans"] if plan["shipped"]}
+
+    assert {"quick", "quick_check", "ramp_-40_85"} <= shipped("plans")
+    assert "long" not in shipped("plans")
+    assert {"quick", "vibratory"} <= shipped("calibration-plans")
+    (profiles / "quick.yaml").write_text(hotter)
+    check = profiles / "quick_check.yaml"
+    check.write_text(check.read_text().replace("45", "60"))
+    assert {"quick", "quick_check"} & shipped("plans") == set()
+    assert "quick" not in shipped("calibration-plans")
+    run = tmp_path / "run"
+    for text, same in ((hotter, False), ((library() / "quick.yaml").read_text(), True)):
+        run.mkdir(exist_ok=True)
+        (run / "profile.yaml").write_text(text)
+        assert describe(LiveRun((run,), LiveFile(0, 0, "", [], "")), None)["shipped"] is same
+
+
 def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings):
     made, bearer = settings
     diagnosed = made.own / "plans"
@@ -231,6 +291,7 @@ def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings
         stations = {one["id"]: one for one in client.get("/api/v1/stations").json()["stations"]}
         limits = client.get("/api/v1/limits").json()["limits"]
     assert {"long", "short", "hot", "next-1", "quick", "ramp_-40_85"} <= plans.keys()
+    assert [id_ for id_, plan in plans.items() if plan["proposed"]] == ["next-1"]
     assert plans["long"]["summary"] == "Longer than any test."
     assert plans["rates_quick"]["kind"] == "rate"
     assert "broken.yaml:2: segments is 5: must be a list" in plans["broken"]["problem"]
@@ -258,7 +319,7 @@ def test_a_curve_has_a_bounded_number_of_corners():
 
 
 def test_a_calibration_is_drawn_with_all_of_its_runs():
-    drawn = catalog.calibration(library() / "plans" / "quick.yaml")
+    drawn = catalog.calibration(library() / "plans" / "quick.yaml", catalog.Read())
     files = [library() / f"quick_{name}.yaml" for name in ("static", "calibration", "check")]
     parts = [catalog.curve(load_profile(file)) for file in files]
     assert drawn["curve"][-1] == (pytest.approx(drawn["nominal_s"], abs=1.0), parts[-1][-1][1])

@@ -303,18 +303,35 @@ def test_a_fleet_says_which_runs_it_leaves_out_and_whose_lots_are_cut_from_seria
         assert (others["units"], others["simulated"], others["left_out"]) == (3, True, ["1 not simulated"])
 
 
+def diagnosed(folder, model, lacks):
+    suspects = [{"effect": name, "found": True, "proved": True} for name in lacks]
+    word = "missing_effect" if lacks else "adequate"
+    DiagnosisRecord.model_validate(
+        {"format": 1, "verdict": word, "model": model, "runs": [folder.name], "suspects": suspects}
+    ).write(folder)
+
+
+def test_what_units_lack_is_told_of_the_units_of_the_other_figures(tmp_path):
+    for number in range(3):
+        diagnosed(station(tmp_path, f"A-{number}", "S", number, residual=0.1, simulated=False), "spline", ["creep"])
+    diagnosed(station(tmp_path, "B-1", "", 4.0, residual=0.1, simulated=False), "polynomial", ["hysteresis"])
+    diagnosed(station(tmp_path, "C-1", "S", 4.0, residual=0.1, simulated=True), "spline", ["thermal_lag"])
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        client.post(f"{API}/registry", json={}).raise_for_status()
+        for chosen in ({}, {"lot": "A"}, {"lot": "B"}, {"station": "unknown"}, {"q": "B-"}, {"simulated": "true"}):
+            told = client.get(f"{API}/fleet/lacks", params=chosen).json()
+            units = client.get(f"{API}/fleet", params=chosen).json()["units"]
+            assert (chosen, sum(told["models"].values())) == (chosen, units)
+            assert told["units"] == (3 if not chosen else units)
+
+
 def test_what_units_lack_is_told_by_lot_of_the_model_that_most_were_diagnosed_with(tmp_path):
     for lot, number, model, lacks in (
         *(("A", i, "spline", ["thermal_lag"]) for i in range(9)),
         *(("B", i, "spline", ["hysteresis"] if i < 2 else []) for i in range(30)),
         ("B", 40, "polynomial", ["creep"]),
     ):
-        folder = station(tmp_path, f"{lot}-{number}", "S", number / 10, residual=0.1)
-        suspects = [{"effect": name, "found": True, "proved": True} for name in lacks]
-        word = "missing_effect" if lacks else "adequate"
-        DiagnosisRecord.model_validate(
-            {"format": 1, "verdict": word, "model": model, "runs": [folder.name], "suspects": suspects}
-        ).write(folder)
+        diagnosed(station(tmp_path, f"{lot}-{number}", "S", number / 10, residual=0.1), model, lacks)
     with served(Settings(out=tmp_path, project=tmp_path)) as client:
         assert client.get(f"{API}/fleet/lacks").json()["units"] == 0
         client.post(f"{API}/registry", json={}).raise_for_status()

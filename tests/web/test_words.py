@@ -262,6 +262,32 @@ def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() 
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
 
 
+def test_a_day_is_not_broken_into_lines() -> None:
+    for language, written in (("en", "Nov 23, 2026"), ("uk", "23 лист. 2026 р.")):
+        said = spoken("lib/words.js", "day", ["2026-11-23T12:00:00Z"], language)
+        assert said == [written.replace(" ", "\u00a0")]
+
+
+def test_what_a_diagnosis_proposed_is_offered_to_engineers_only() -> None:
+    script = f"""
+    const {{ session }} = await import(new URL("{SOURCE.as_uri()}/lib/store.js"));
+    const offered = (role) => (session.set({{ role }}), given.map(page.isOffered));
+    console.log(JSON.stringify([offered("operator"), offered("engineer")]));
+    """
+    plans = [{"id": "quick", "proposed": False}, {"id": "next-1", "proposed": True}]
+    assert told("lib/names.js", script, plans) == [[True, False], [True, True]]
+
+
+def test_a_plan_that_was_changed_has_its_own_words_not_those_of_the_shipped_one() -> None:
+    plan = {"id": "quick", "title": "my quick", "summary": "0 to 70 degC"}
+    given = [plan, {**plan, "shipped": True}, {**plan, "shipped": False}]
+    named = spoken("lib/names.js", "planTitle", given, "en")
+    assert named == ["Quick run, 0 to 50\u00a0°C", "Quick run, 0 to 50\u00a0°C", "my quick"]
+    assert spoken("lib/names.js", "planPurpose", given, "en")[2] == "0 to 70 degC"
+    runs = [{"profile": "quick", "shipped": shipped} for shipped in (True, False)]
+    assert spoken("lib/names.js", "planName", runs, "en") == ["Quick run, 0 to 50\u00a0°C", "quick"]
+
+
 def test_a_shipped_station_is_named_whichever_way_its_name_is_written() -> None:
     given = ["four_units", "four-units", "my_own"]
     assert spoken("lib/names.js", "stationName", given) == ["四个产品", "四个产品", "my_own"]

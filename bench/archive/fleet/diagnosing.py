@@ -18,8 +18,7 @@ import scipy
 from bench.analysis import NEXT_PROFILE, Model, diagnosed, noise_floor, one_blas_thread, set_aside
 from bench.archive.fleet.drift import SIGNIFICANT
 from bench.archive.fleet.engines import Engine, Work
-from bench.archive.fleet.selection import Row, Selection
-from bench.archive.fleet.units import lot_of
+from bench.archive.fleet.selection import Row, Selection, lot_of
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
@@ -132,11 +131,19 @@ class KnownLacks:
 
 
 def known_lacks(
-    registry: Registry, selection: Selection | None = None, model: str | None = None, archive: str | None = None
+    registry: Registry,
+    selection: Selection | None = None,
+    model: str | None = None,
+    archive: str | None = None,
+    part: str = "",
 ) -> KnownLacks:
-    """The diagnoses of the newest selected run of each unit, of `model`, or of the one that most units have."""
+    """The diagnoses of the newest selected run of each unit, of `model`, or of the one that most units have.
+
+    `part`: of units with this in their serial number.
+    """
     selection = selection or Selection()
-    chosen, _ = selection.of(runs(registry, archive=archive, among=selection.among()))
+    found = runs(registry, archive=archive, among=selection.among())
+    chosen, _ = selection.of([run for run in found if part in run["unit"]])
     newest: dict[str, Row] = {}
     for run in chosen:
         newest.setdefault(run["unit"], run)

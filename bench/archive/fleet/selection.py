@@ -5,6 +5,7 @@ real or simulated.
 from __future__ import annotations
 
 import itertools
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from bench.base import IntArray
 IMPORT = "import"
 UNKNOWN, ONE = "unknown", "no lot"
 """The station, and the lot, of runs that name none."""
+NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
+"""The lot of a unit without a recorded lot is its serial without the number at the end."""
 COMPARED = ("unit", "lot", "station", "created", "profile", "state", "cause", "simulated", "corrected")
 """Columns of a run that a selection looks at."""
 Row = Mapping[str, Any]
@@ -68,6 +71,8 @@ class Selection:
         Each has the columns of the registry's runs.
         """
         columns = {name: np.array([run[name] for run in runs], dtype=object) for name in COMPARED}
+        columns["lot"] = np.array([lot_of(run["unit"], run["lot"]) for run in runs], dtype=object)
+        columns["station"] = np.array([run["station"] or UNKNOWN for run in runs], dtype=object)
         kept, left = self.kept(columns)
         return [runs[i] for i in kept.tolist()], left
 
@@ -105,6 +110,14 @@ class Selection:
         others = ", ".join(sorted(str(name) for name in units if name != profile))
         keep(profiles == profile, f"of other profiles ({others}; --profile)")
         return found, tuple(left)
+
+
+def lot_of(unit: str, recorded: str | None) -> str:
+    """The lot of a unit: the recorded one, else its serial number without the digits at the end."""
+    if recorded:
+        return recorded
+    match = NO_LOT.match(unit)
+    return (match[1] if match else "") or ONE
 
 
 def day_of(created: str) -> date:

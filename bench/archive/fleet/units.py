@@ -18,15 +18,12 @@ from sqlalchemy import ColumnElement, func, select
 
 from bench.analysis import Limits, Quantity, judge_limits
 from bench.archive.fleet.groups import Coded, ObjectArray, coded
-from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, profile_of
+from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, lot_of, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry, open_registry
 from bench.archive.registry.writing import TABLES
 from bench.base import Aside, FloatArray, InputError, IntArray, usual_workers
 from bench.record import Verdict
-
-NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
-"""The lot of a unit without a recorded lot is its serial without the number at the end."""
 
 _AT_ONCE = 10_000
 """Runs that are read together."""
@@ -272,14 +269,6 @@ def _placed(ids: Sequence[str], values: FloatArray, runs: ObjectArray) -> FloatA
     table = np.full((runs.size + 1, values.shape[1]), np.nan)  # the last row takes the quantities of all other runs
     table[[rows.get(one, -1) for one in ids]] = values
     return table
-
-
-def lot_of(unit: str, recorded: str | None) -> str:
-    """The lot of a unit: the recorded one, else its serial number without the digits at the end."""
-    if recorded:
-        return recorded
-    match = NO_LOT.match(unit)
-    return (match[1] if match else "") or ONE
 
 
 def choices(registry: Registry) -> dict[str, list[str]]:

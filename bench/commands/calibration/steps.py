@@ -78,7 +78,7 @@ def check_order(order: Order) -> list[str]:
     """Warnings about a plan for a unit on a station; InputError where it cannot be carried out."""
     plan = order.plan
     order.refuse_same()
-    load_limits(order.document(plan.limits))
+    limits = load_limits(order.document(plan.limits))
     for model in plan.models:
         order.load_model(model)
     station = acquisition.station_of(order.station_file())
@@ -95,7 +95,8 @@ def check_order(order: Order) -> list[str]:
         )
     late: list[str] = []
     for name in order.profiles():
-        checked = acquisition.check_on(load_profile(order.document(name)), station)
+        judged = limits if name == plan.profile else None
+        checked = acquisition.check_on(load_profile(order.document(name)), station, judged)
         late += [segment.name for segment in checked.late]
         warnings += [f"{Path(name).name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
     if late:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,10 +22,10 @@ from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.live.finding import folder_of, inside
 from bench.web.live.live import watcher_of
-from bench.web.live.starting import Start, begun, named_by, starts_of
+from bench.web.live.starting import Start, begun, starts_of
 from bench.web.live.starts import Order, jobs_of, serial_of
 from bench.web.live.story import sound
-from bench.web.people.access import Operator, Who
+from bench.web.people.access import Operator, Who, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Name
@@ -35,8 +35,11 @@ router = APIRouter(tags=["calibrating"])
 Id = Annotated[str, Part(min_length=1, max_length=200)]
 
 GOING = ("waiting", "starting", "running")
+STOPPED = ("interrupted", "failed")
 _MOST_ELSEWHERE = 40
 """Calibrations of the command line that are listed."""
+_Known = Mapping[tuple[str, str], Sequence[dict[str, Any]]]
+"""Starts of each calibration, as `Starts.by_job` tells them."""
 
 
 class Intended(BaseModel):
@@ -202,20 +205,26 @@ def one(unit: Id, job: Id, request: Request, here: Here) -> Job:
 
 @router.post("/calibrations/{unit}/{job}/continue", status_code=202)
 def go_on(unit: Id, job: Id, further: Further, request: Request, here: Here, who: Operator) -> Start:
-    """Go on with a calibration that was interrupted, failed or is held; 409 where it cannot go on."""
+    """Go on with a calibration that was interrupted, failed or is held; 409 where it cannot go on.
+
+    One that is not held takes with it what began together with it and has stopped, too.
+    """
     folder = _folder(unit, job, here)
-    now, record = _told(folder, request), JobRecord.read(folder)
+    now = _told(folder, request)
     if now.state in {"waiting", "running", "ended"}:
         raise HTTPException(409, f"the calibration is {now.state}: there is nothing to go on with")
     if now.start is None:
         raise HTTPException(409, f"who started it is not known any more: `bench calibrate --unit {now.unit}` goes on")
     if (now.state == "held") != bool(further.release.strip()):
         raise HTTPException(400, "release: a held calibration, and no other, needs a reason to go on")
-    who = named_by(who, further.operator, request)
-    start = now.start
-    unit = next(one for one in start.units if serial_of(one) == record.unit)
-    order = _order(Intended(plan=start.plan, station=start.station, unit=unit), here, who)
-    if order.digests != [record.digest]:
+    who = named_by(who, further.operator, request, now.start.who)
+    start = _widest(JobRecord.read(folder), starts_of(request).by_job())
+    mates = [mate.unit for mate in now.together if mate.state in STOPPED and mate.job != now.job]
+    going = [now.unit, *(mates if now.state in STOPPED else [])]
+    digests, units = dict(jobs_of(start)), {serial_of(unit): unit for unit in start["units"]}
+    first, *others = [units[serial] for serial in going]
+    order = _order(Intended(plan=start["plan"], station=start["station"], unit=first, others=others), here, who)
+    if order.digests != [digests[serial] for serial in going]:
         raise HTTPException(409, "plan, station or one of their files has changed since: begin a new calibration")
     reason = f"{who.name}: {' '.join(further.release.split())}" if further.release else ""
     return begun(replace(order, release=reason, queue=further.queue), request)
@@ -281,7 +290,8 @@ def _newest(serial: str, digest: str, here: Settings) -> Path | None:
 
 def _told(folder: Path, request: Request) -> Job:
     record, id_ = JobRecord.read(folder), _id(folder)
-    start = starts_of(request).of_job(record.unit, record.digest)
+    known = starts_of(request).by_job()
+    start = next(iter(known.get((record.unit, record.digest), ())), None)
     live = watcher_of(request).of_job(id_)
     facts = record.steps["certificate"].facts if "certificate" in record.steps else {}
     printed, project = (folder / "certificate.pdf").is_file(), request.app.state.settings.project
@@ -299,7 +309,7 @@ def _told(folder: Path, request: Request) -> Job:
         start=Start(**start) if start else None,
         certificate=str(facts["number"]) if printed and facts.get("number") else None,
         releases=[f"{entry.reason} ({entry.held})" for entry in record.releases],
-        together=_together(start, request.app.state.settings) if start else [],
+        together=_together(record, known, request.app.state.settings) if start else [],
     )
 
 
@@ -307,24 +317,31 @@ def _id(folder: Path) -> str:
     return f"{folder.parent.name}/{folder.name}"
 
 
-def _together(start: dict[str, Any], here: Settings) -> list[Mate]:
+def _together(record: JobRecord, known: _Known, here: Settings) -> list[Mate]:
     """The jobs of a start of several units."""
-    pairs = jobs_of(start)
-    folders = [_newest(*pair, here) for pair in pairs] if len(pairs) > 1 else []
+    pairs = jobs_of(_widest(record, known))
+    folders = {pair: _newest(*pair, here) for pair in pairs} if len(pairs) > 1 else {}
     return [
         Mate(
-            unit=record.unit,
+            unit=pair[0],
             job=_id(folder),
-            state=_state(folder, record, start),
+            state=_state(folder, record, known[pair][0]),
             verdict=record.verdict,
             sentence=record.sentence,
             certificate=(folder / "certificate.pdf").is_file(),
             steps={name: _short(name, step) for name, step in record.steps.items()},
         )
-        for folder in folders
+        for pair, folder in folders.items()
         if folder is not None
         for record in [JobRecord.read(folder)]
     ]
+
+
+def _widest(record: JobRecord, known: _Known) -> dict[str, Any]:
+    """Of the starts that began a job or went on with it the one with the most units: some may go on alone."""
+    starts = known[record.unit, record.digest]
+    later = [start for start in starts if start["started"][:19] > record.created[:19]]
+    return max(starts[: len(later) + 1], key=lambda start: len(start["units"]))
 
 
 def _state(folder: Path, record: JobRecord, start: dict[str, Any] | None) -> Any:

@@ -14,6 +14,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Depends, FastAPI, HTTPException, Query, Request
 from fastapi import Path as Part
 from fastapi.responses import StreamingResponse
+from pydantic import BaseModel, Field
 
 from bench.acquisition import LiveFile, LiveRun, ask_run, events_of
 from bench.base import InputError
@@ -28,7 +29,7 @@ from bench.web.live.streaming import Stream
 from bench.web.live.subject import describe
 from bench.web.live.telling import Teller
 from bench.web.live.watching import Watched, Watcher
-from bench.web.people.access import Access, Operator
+from bench.web.people.access import Access, Operator, named_by
 
 router = APIRouter(tags=["live"])
 
@@ -98,6 +99,13 @@ async def _which(unit: Name, run: Name, request: Request, here: Here) -> _Which:
     return _Which(unit, run, here.out, watcher_of(request))
 
 
+class Acting(BaseModel):
+    """Who asks a live run for something."""
+
+    operator: str = Field(default="", max_length=80)
+    """Who works at the bench, where nobody has to sign in; left out: whoever started the run."""
+
+
 Which = Annotated[_Which, Depends(_which)]
 
 
@@ -134,7 +142,7 @@ def one(which: Which, request: Request) -> Run:
     start = request.app.state.starts.of_run(which.id)  # before the folder, so that nothing it wrote is missed
     end = watcher_of(request).ended(which.id) or _end(folder, start)
     if end is None:
-        raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {folder}` goes on with it")
+        raise HTTPException(409, f"{which.id} is not live and has no end: `bench resume {which.id}` goes on with it")
     known = story.sound(Manifest, folder)
     gone = LiveRun((folder,), LiveFile(0, 0, known.created if known else "", [], ""))
     about = describe(gone, start)
@@ -164,6 +172,7 @@ async def act(
     action: Literal["hold", "pause", "resume", "abort"],
     request: Request,
     who: Operator,
+    asked: Acting,
     wait_s: Annotated[float, Query(ge=0.0, le=ENDING_S)] = PATIENCE_S,
 ) -> Asked:
     """Send a request to a live run and wait up to `wait_s` for its effect; its events name the user.
@@ -172,6 +181,7 @@ async def act(
     """
     threads = request.app.state.aborts if action == "abort" else None
     watched = await to_thread.run_sync(which.live, limiter=threads)
+    who = named_by(who, asked.operator, request, watched.about["who"])
     try:
         await to_thread.run_sync(partial(ask_run, watched.live, action, who=str(who)), limiter=threads)
     except InputError as error:

@@ -30,7 +30,7 @@ def outcome(folder: Path, about: StartRecord, alive: bool, out: Path) -> dict[st
     content = _answer(folder)
     runs = _runs(content, out) or list(about.runs)
     if code is None:
-        again = _again(out / runs[0]) if runs else "start it again"
+        again = _again(runs[0], out) if runs else "start it again"
         return {**nothing, "state": "ended", "runs": runs, "message": f"something ended its process; {again}"}
     if code == 2 and not runs:
         return {**nothing, "state": "refused", "exit_code": code, "message": said}
@@ -50,9 +50,9 @@ def waits(folder: Path, about: StartRecord) -> bool:
     return bool(about.waiting) and not (folder / LOCK).exists()
 
 
-def _again(run: Path) -> str:
+def _again(run: str, out: Path) -> str:
     """Advice for a run whose process was killed, during the run or its analysis."""
-    if (run / MANIFEST).is_file():
+    if (out / run / MANIFEST).is_file():
         return f"`bench report {run}` analyses it"
     return f"`bench resume {run}` goes on with it"
 

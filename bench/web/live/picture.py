@@ -132,6 +132,8 @@ class Run(BaseModel):
     runs: list[str]
     unit: str
     profile: str
+    shipped: bool = True
+    """Whether the profile is as the bench ships it, by this name."""
     station: str
     simulated: bool
     started: str

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Request
@@ -14,7 +13,7 @@ from bench.web.ground.settings import Here
 from bench.web.live.live import watcher_of
 from bench.web.live.picture import UnitVerdict
 from bench.web.live.starts import InUse, Order, Starts
-from bench.web.people.access import Operator, Who
+from bench.web.people.access import Operator, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Intended, Name
@@ -23,10 +22,9 @@ router = APIRouter(tags=["starting"])
 
 
 class Wanted(Intended):
-    """A run to start; models and limits by name, in place of the defaults."""
+    """A run to start; models by name, in place of the defaults."""
 
     models: list[Name] = Field(default=[], max_length=8)
-    limits: Name | None = None
     operator: str = Field(default="", max_length=80)
     """Who works at the bench, where nobody has to sign in."""
     queue: bool = False
@@ -108,18 +106,6 @@ def begun(order: Order, request: Request) -> Start:
         return Start(**starts_of(request).begin(order, watcher_of(request).in_use()))
     except InUse as error:
         raise HTTPException(409, str(error)) from None
-
-
-def named_by(who: Who, operator: str, request: Request) -> Who:
-    """The user, by the name that was typed where nobody signs in; HTTPException 400 where somebody has."""
-    name = " ".join(operator.split())
-    if not name:
-        return who
-    if not request.app.state.access.open:
-        raise HTTPException(400, "operator: whoever signed in is the operator; leave it out")
-    if not name.isprintable():
-        raise HTTPException(400, "operator: must be visible characters")
-    return replace(who, name=name)
 
 
 @router.get("/starts")

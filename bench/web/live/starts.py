@@ -272,9 +272,13 @@ class Starts:
         with self._lock:
             return [told for folder in self._folders() if (told := self._told(folder))]
 
-    def of_job(self, unit: str, digest: str) -> dict[str, Any] | None:
-        """The newest start of a calibration of this unit."""
-        return next((told for told in self.listed() if (unit, digest) in jobs_of(told)), None)
+    def by_job(self) -> dict[tuple[str, str], list[dict[str, Any]]]:
+        """The starts of each calibration, newest first, by its unit and digest."""
+        found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+        for told in self.listed():
+            for job in jobs_of(told):
+                found.setdefault(job, []).append(told)
+        return found
 
     def of_run(self, run: str) -> dict[str, Any] | None:
         """The newest start that made this run."""

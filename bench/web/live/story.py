@@ -121,9 +121,9 @@ def verdicts(folders: Sequence[Path], busy: bool = True, start: Mapping[str, Any
     units = [_verdict(folder) for folder in folders]
     ready = all(unit["analysed"] for unit in units)
     if not busy:
-        for unit, folder in zip(units, folders, strict=True):
+        for unit in units:
             if not unit["analysed"]:
-                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {folder}` analyses it"
+                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {unit['run']}` analyses it"
     known = [unit for unit in units if unit["verdict"] is not None] if ready else []
     worst = min(known, key=_rank, default={"verdict": None, "sentence": ""})
     return {

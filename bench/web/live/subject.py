@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition import LiveRun, StationSettings, load_profile
-from bench.base import BenchError, read_yaml
+from bench.base import BenchError, library, read_yaml
 from bench.commands import JOB_MARK
 from bench.web.live.finding import ids
 from bench.web.plans import catalog
@@ -23,6 +23,7 @@ def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
         "runs": runs,
         "unit": live.path.parent.name,
         "profile": "",
+        "shipped": True,
         "station": station.name if station else "",
         "simulated": station.simulated if station else False,
         "started": live.file.start,
@@ -39,6 +40,7 @@ def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
         legs_s = [round(leg.nominal_s, 1) for leg in profile.legs()]
         about |= {"profile": profile.name, "nominal_s": profile.duration_s, "segments_s": legs_s}
         about["curve"] = catalog.curve(profile)
+        about["shipped"] = catalog.is_shipped(live.path / "profile.yaml", library() / f"{profile.name}.yaml")
     return about
 
 

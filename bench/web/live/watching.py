@@ -263,5 +263,5 @@ def _head(watched: Watched) -> dict[str, Any]:
 
 
 def _gone(run: LiveRun, why: str) -> str:
-    text = f"its process {run.file.pid} is gone; `bench resume {run.path}` goes on with it"
+    text = f"its process {run.file.pid} is gone; `bench resume {ids(run.folders)[0]}` goes on with it"
     return f"{text} ({why})" if why else text

@@ -2,6 +2,7 @@
 import { html, render, useEffect, useErrorBoundary, useState } from "./lib/preact.js";
 import { Bar } from "./lib/bar.js";
 import { ApiError, get } from "./lib/api.js";
+import { Leaving } from "./lib/leaving.js";
 import { live } from "./lib/live.js";
 import { Busy, Trouble } from "./lib/parts.js";
 import { here, match, navigate, takeLinks } from "./lib/router.js";
@@ -117,7 +118,8 @@ function App() {
     <${Bar} place=${place} who=${who} />
     <main id="main" tabindex="-1">
       ${route ? !locked && html`<${Place} route=${route} place=${place} />` : html`<${Nowhere} path=${place.path} />`}
-    </main>`;
+    </main>
+    <${Leaving} />`;
 }
 
 const root = document.getElementById("app");

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from fastapi import Depends, HTTPException, Request, Response
@@ -15,7 +15,7 @@ from bench.web.ground.throttle import Throttle
 from bench.web.people.people import People, Person, Role
 from bench.web.people.sessions import Sessions
 
-__all__ = ["Access", "Engineer", "Operator", "Role", "Viewer", "Who", "requires"]
+__all__ = ["Access", "Engineer", "Operator", "Role", "Viewer", "Who", "named_by", "requires"]
 
 _LOOKING = ("/figures", "/effects/formula")
 """POST routes that change nothing: their questions are too long for a GET."""
@@ -164,6 +164,21 @@ def permitted(request: Request, role: Role) -> Who:
     if RANKS[who.role] < RANKS[role]:
         raise HTTPException(403, f"{who.name} is {who.role}; this needs {role}")
     return who
+
+
+def named_by(who: Who, operator: str, request: Request, started: Mapping[str, str] | None = None) -> Who:
+    """The user; where nobody signs in, by the name that was typed, else by that of whom `started` it.
+
+    HTTPException 400 for a name that was typed where somebody has signed in.
+    """
+    own: bool = not request.app.state.access.open
+    name = " ".join(operator.split())
+    if name and own:
+        raise HTTPException(400, "operator: whoever signed in is the operator; leave it out")
+    if not name.isprintable():
+        raise HTTPException(400, "operator: must be visible characters")
+    name = name or ("" if own else (started or {}).get("name", ""))
+    return replace(who, name=name) if name else who
 
 
 def requires(role: Role) -> Callable[[Request], Awaitable[Who]]:

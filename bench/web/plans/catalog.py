@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, wire_findings
-from bench.analysis import effect_names, load_limits, model_files
+from bench.analysis import Limits, effect_names, load_limits, model_files
 from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
-from bench.commands import JobFile, Order, check_on, check_order, load_station, seated, station_file, station_of
+from bench.commands import JobFile, Order, Papers, check_on, check_order, load_station, seated, station_file, station_of
 from bench.commands import Plan as CalibrationPlan
 from bench.record import slug
 from bench.web.ground.problems import within
@@ -36,9 +36,17 @@ class Catalog:
     own: Path
     """The server's folder, `<out>/.web`."""
 
+    @property
+    def _proposals(self) -> Path:
+        return self.own / "plans"
+
     def plans(self) -> dict[str, Path]:
         """Profiles by id."""
-        return _listing(library(), self.own / "plans", self.project / "profiles")
+        return _listing(library(), self._proposals, self.project / "profiles")
+
+    def is_proposed(self, path: Path) -> bool:
+        """Whether a diagnosis proposed this profile."""
+        return path.is_relative_to(self._proposals.resolve())
 
     def stations(self) -> dict[str, Path]:
         """Station files by id."""
@@ -93,6 +101,11 @@ def named(listing: Mapping[str, Path], name: str, what: str) -> Path:
     raise InputError(f"no {what} '{name[:60]}'; there are {', '.join(listing) or 'none'}{nearest(name, listing)}")
 
 
+def is_shipped(path: Path, shipped: Path) -> bool:
+    """Whether a file is the shipped one, or as it stands the same: the page has a name for that in each language."""
+    return path == shipped.resolve() or (shipped.is_file() and path.read_bytes() == shipped.read_bytes())
+
+
 class Read:
     """A cache of parsed files, which are read again when they change."""
 
@@ -117,6 +130,7 @@ def plan(path: Path) -> dict[str, Any]:
     return {
         "name": profile.name,
         "title": profile.name.replace("_", " "),
+        "shipped": is_shipped(path, library() / path.name),
         "summary": " ".join(profile.description.split()),
         "nominal_s": profile.duration_s,
         "curve": curve(profile),
@@ -145,14 +159,17 @@ def curve(*profiles: Profile) -> list[tuple[float, float]]:
     return [kept[round(i * step)] for i in range(MOST_CORNERS)]
 
 
-def calibration(path: Path) -> dict[str, Any]:
+def calibration(path: Path, read: Read) -> dict[str, Any]:
     """The plan of a calibration in short; raises what reading it, or its profiles, raises."""
-    known = load_config(path, CalibrationPlan)
+    known = read(path, _calibration_plan)
     names = [name for name in (known.static, known.profile, known.verification) if name]
-    profiles = [load_profile(path.parent / name) for name in names]
+    files = [path.parent / name for name in names]
+    profiles = [read(file, load_profile) for file in files]
     legs = [leg for profile in profiles for leg in profile.legs()]
     return {
         "title": known.name.replace("_", " "),
+        "shipped": is_shipped(path, library() / "plans" / path.name)
+        and all(is_shipped(file.resolve(), library() / file.name) for file in files),
         "summary": " ".join(known.description.split()),
         "nominal_s": sum(profile.duration_s for profile in profiles),
         "curve": curve(*profiles),
@@ -160,6 +177,10 @@ def calibration(path: Path) -> dict[str, Any]:
         "attitudes": len({leg.attitude for leg in legs if leg.attitude}),
         "certificate": known.certificate,
     }
+
+
+def _calibration_plan(path: Path) -> CalibrationPlan:
+    return load_config(path, CalibrationPlan)
 
 
 def station(path: Path) -> StationSettings:
@@ -177,21 +198,33 @@ def equipment(settings: StationSettings) -> frozenset[str]:
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
-    return _rehearsed(load_profile(Path(wanted["plan"])), station_file(Path(wanted["station"])), wanted["units"])
+    profile, file = load_profile(Path(wanted["plan"])), station_file(Path(wanted["station"]))
+    limits = load_limits(Path(wanted["limits"])) if wanted["limits"] else None
+    return _rehearsed(profile, file, wanted["units"], Path(wanted["project"]), limits)
 
 
-def _rehearsed(profile: Profile, file: Document, taken: Sequence[str]) -> dict[str, Any]:
+def _rehearsed(
+    profile: Profile, file: Document, taken: Sequence[str], project: Path, limits: Limits | None = None
+) -> dict[str, Any]:
     place, serials = seated(file, taken)
     settings = station_of(place)
     units = settings.chosen(serials)
     drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
     drawn["units"] = [unit.serial for unit in units]
-    findings = check_profile(profile, settings.limits())
+    findings = [*check_profile(profile, settings.limits()), *_of_papers(settings, project)]
     errors = [finding for finding in findings if finding.level == "error"]
     if errors:  # the page shows all of them, not the first line
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
-    checked = check_on(profile, settings)
+    checked = check_on(profile, settings, limits)
     return {**checked.to_json(), **drawn, "ok": not checked.late, "findings": _told(checked.findings)}
+
+
+def _of_papers(settings: StationSettings, project: Path) -> Iterator[Finding]:
+    """What is wrong with the laboratory and equipment that a station names."""
+    try:
+        Papers.of_station(settings, project / "profiles")
+    except InputError as error:
+        yield from (Finding("error", text) for text in within(project, str(error)).splitlines())
 
 
 def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -222,16 +255,17 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
 
     A profile is rehearsed on the file `station`, as `bench check` does, and has its curve.
     """
-    found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"])
+    project = Path(wanted["project"])
+    found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"], project)
     if errors:
         return {"ok": False, "curve": [], "findings": errors}
     if isinstance(found, Profile):
-        return _rehearsed(found, station_file(Path(wanted["station"])), ())
+        return _rehearsed(found, station_file(Path(wanted["station"])), (), project)
     findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
     return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
 
 
-def loaded(kind: str, text: str, file: str) -> tuple[Any, list[dict[str, Any]]]:
+def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[dict[str, Any]]]:
     """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`."""
     load: dict[str, Callable[[Document], Any]] = {
         "profiles": load_profile,
@@ -239,9 +273,12 @@ def loaded(kind: str, text: str, file: str) -> tuple[Any, list[dict[str, Any]]]:
         "limits": load_limits,
     }
     try:
-        return load[kind](parse_yaml(text, file)), []
+        found = load[kind](parse_yaml(text, file))
+        if isinstance(found, StationSettings):
+            Papers.of_station(found, project / "profiles")
     except (BenchError, DriverError) as error:
-        return None, _by_line(str(error), file)
+        return None, _by_line(within(project, str(error)), within(project, file))
+    return found, []
 
 
 def _by_line(text: str, file: str) -> list[dict[str, Any]]:

@@ -24,6 +24,8 @@ class Intended(BaseModel):
     plan: Name
     station: Name = "simulated"
     units: Annotated[list[Name], Field(max_length=64)] = []
+    limits: Name | None = None
+    """Limits that it is judged by."""
 
 
 @router.post("/checks", status_code=202)
@@ -34,5 +36,7 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
     station = named(known.stations(), intended.station, "station")
     place, serials = seated(station_file(station), intended.units)
     station_of(place).chosen(serials)
-    wanted = {"plan": str(plan), "station": str(station), "units": intended.units}
+    limits = named(known.limits(), intended.limits, "limits") if intended.limits else None
+    files = {"plan": str(plan), "station": str(station), "limits": limits and str(limits), "project": str(here.project)}
+    wanted = {**files, "units": intended.units}
     return submit(request, "check", "bench.web.plans.catalog:rehearsed", wanted)

@@ -80,7 +80,8 @@ def file(kind: Kind, id: Id, here: Here) -> Text:
 def check(kind: Kind, id: Id, draft: Draft, request: Request, here: Here, who: Engineer) -> Asked:
     """Request the check of a text, with the findings by line; of a profile also `bench check` on a station."""
     station = named(Catalog(here.project, here.own).stations(), draft.station, "station")
-    wanted = {"kind": kind, "file": str(_place(kind, here) / f"{id}.yaml"), "text": draft.text, "station": str(station)}
+    places = {"file": str(_place(kind, here) / f"{id}.yaml"), "station": str(station), "project": str(here.project)}
+    wanted = {"kind": kind, "text": draft.text, **places}
     return submit(request, "check", "bench.web.plans.catalog:drafted", wanted)
 
 
@@ -91,7 +92,7 @@ def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
     if saved.digest != ("" if existing is None else _digest(read_text(existing))):
         raise HTTPException(409, f"{kind}/{id} has changed since it was opened: copy your text, and open it again")
     path = _place(kind, here) / f"{id}.yaml"
-    _, errors = loaded(kind, saved.text, str(path))
+    _, errors = loaded(kind, saved.text, str(path), here.project)
     if errors:
         told = (f"line {one['line']}: {one['text']}" if one["line"] else one["text"] for one in errors)
         raise HTTPException(400, one_line("\n".join(told)))

@@ -55,9 +55,10 @@ def papers(station: Station, here: Here) -> PapersOfStation:
     settings = catalog.station(named(Catalog(here.project, here.own).stations(), station, "station"))
     found: dict[str, Paper] = {}
     for kind in PAPERS:
-        own = own_paper(kind, settings, here.project / "profiles")
+        home = here.project / "profiles"
+        own = own_paper(kind, settings, home)
         try:
-            given = read_yaml(own) if own.is_file() else getattr(Papers.of_station(settings), kind)
+            given = read_yaml(own) if own.is_file() else getattr(Papers.of_station(settings, home), kind)
             file = given and within(here.project, str(given.file))
             found[kind] = Paper(file=file, content=given and given.content)
         except InputError as error:

@@ -24,6 +24,8 @@ class Plan(BaseModel):
     id: str
     name: str
     title: str
+    shipped: bool = True
+    """Whether it is as the bench ships it, by this id."""
     summary: str = ""
     nominal_s: float = 0.0
     curve: list[tuple[float, float]] = []
@@ -37,6 +39,8 @@ class Plan(BaseModel):
     """Models of that plan."""
     verification: str = ""
     """Profile that verifies the calibrations by this one in that plan; empty for another use."""
+    proposed: bool = False
+    """Whether a diagnosis proposed it."""
     problem: str = ""
 
 
@@ -45,6 +49,8 @@ class CalibrationPlan(BaseModel):
 
     id: str
     title: str
+    shipped: bool = True
+    """Whether it is as the bench ships it, by this id."""
     summary: str = ""
     nominal_s: float = 0.0
     """Of all its runs."""
@@ -116,7 +122,8 @@ def plans(here: Here) -> Plans:
     """All profiles."""
     known = Catalog(here.project, here.own)
     belonging = known.belonging()
-    return Plans(plans=[_plan(id_, path, belonging.get(id_, {})) for id_, path in known.plans().items()])
+    more = {id_: {"proposed": known.is_proposed(path), **belonging.get(id_, {})} for id_, path in known.plans().items()}
+    return Plans(plans=[_plan(id_, path, more[id_]) for id_, path in known.plans().items()])
 
 
 @router.get("/calibration-plans")
@@ -149,7 +156,7 @@ def _plan(id_: str, path: Path, belonging: Mapping[str, Any]) -> Plan:
 
 def _calibration(id_: str, path: Path) -> CalibrationPlan:
     return row(
-        lambda: CalibrationPlan(id=id_, **_read(path, catalog.calibration)),
+        lambda: CalibrationPlan(id=id_, **catalog.calibration(path, _read)),
         lambda problem: CalibrationPlan(id=id_, title=id_, problem=problem),
     )
 

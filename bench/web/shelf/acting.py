@@ -22,7 +22,7 @@ from bench.commands import (
 )
 from bench.commands import certificate as certify
 from bench.commands import export as deliver
-from bench.deliver import MEASURED, ExportOptions
+from bench.deliver import IMU_FORMATS, ExportOptions
 from bench.web.shelf.steps import verifications_of, whole_of
 from drivers.errors import DriverError
 
@@ -35,7 +35,7 @@ T = TypeVar("T")
 def exported(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench export` of a run, or of the whole inertial unit that it calibrated: names of the files."""
     folder = Path(wanted["path"])
-    source = folder if wanted["format"] in MEASURED else whole_of(folder)
+    source = whole_of(folder) if wanted["format"] in IMU_FORMATS else folder
     made = _told(wanted, lambda: deliver(source, wanted["format"], ExportOptions(), None))
     return {"format": wanted["format"], "files": [path.name for path in made.files]}
 

@@ -17,9 +17,9 @@ from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.jobs.lanes import Lane
 from bench.web.live.live import watcher_of
-from bench.web.live.starting import Start, begun, named_by, starts_of
+from bench.web.live.starting import Start, begun, starts_of
 from bench.web.live.starts import Order
-from bench.web.people.access import Engineer, Operator, Who
+from bench.web.people.access import Engineer, Operator, Who, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
 from bench.web.plans.checking import Name
@@ -72,7 +72,7 @@ def exports(request: Request, unit: Id, run: Id) -> Exports:
     """Formats of a run, or of the whole inertial unit that was calibrated by it, and the files that were exported."""
     folder = index_of(request).folder(unit, run)
     formats = FORMATS if whole_of(folder) == folder else IMU_FORMATS
-    return Exports(formats=[*formats, *MEASURED], files=sorted(_exported(folder)))
+    return Exports(formats=list(dict.fromkeys([*formats, *MEASURED])), files=sorted(_exported(folder)))
 
 
 def _exported(folder: Path) -> dict[str, Path]:

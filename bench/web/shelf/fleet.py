@@ -172,12 +172,11 @@ def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max
         return FleetLacks()
 
     def ask(registry: Registry) -> dict[str, Any]:
-        found = known_lacks(registry, chosen.selection(), model)
-        told = [one for one in found.told if chosen.q in one.unit]
-        lots = [FleetLot(lot=name, **vars(lot)) for name, lot in by_lot(told).items()]
+        found = known_lacks(registry, chosen.selection(), model, part=chosen.q)
+        lots = [FleetLot(lot=name, **vars(lot)) for name, lot in by_lot(found.told).items()]
         lots.sort(key=lambda lot: (-sum(lot.lacks.values()), lot.lot))
-        return {OVERVIEW: FleetLacks(model=found.model, models=found.models, units=len(told), lots=lots,
-                                     in_common=[asdict(one) for one in in_common(told)])}  # fmt: skip
+        return {OVERVIEW: FleetLacks(model=found.model, models=found.models, units=len(found.told), lots=lots,
+                                     in_common=[asdict(one) for one in in_common(found.told)])}  # fmt: skip
 
     found = stock.answer(f"lacks {chosen!r} {model!r}", ask)
     return FleetLacks(**{**found.part(OVERVIEW), "current": found.current})

@@ -207,6 +207,10 @@ class StationSettings(BaseModel):
                 if (other.bus, other.number) == (unit.bus, unit.number):
                     text = f"{unit.serial} and {other.serial} are both number {unit.number} on {unit.bus}"
                     raise PlacedError(text, ("units", i))
+                if unit.identity is not None and (other.bus, other.identity) == (unit.bus, unit.identity):
+                    text = f"identity is {unit.identity}, as that of {other.serial} on {unit.bus}: one in the place of"
+                    text += " the other would not be noticed; write the serial number that each sends, or leave it out"
+                    raise PlacedError(text, ("units", i, "identity"))
 
     def chosen(self, serials: Sequence[str] = ()) -> tuple[UnitSettings, ...]:
         """The units with these serial numbers, or all; InputError that lists them where one is not known."""

@@ -4,7 +4,7 @@ import { get, post, remove } from "./api.js";
 import { call, calling } from "./calls.js";
 import { useLive } from "./live.js";
 import { Dialog, Trouble } from "./parts.js";
-import { navigate } from "./router.js";
+import { leave, navigate } from "./router.js";
 import { session, theme, useStore } from "./store.js";
 import { LANGUAGES, language, speak, t } from "./words.js";
 
@@ -87,7 +87,7 @@ export function Operator({ who }) {
       <div class="dialog-row"><button type="button" onClick=${() => setAsked(false)}>${t("pin.back")}</button><button type="submit" class="primary">${t("login.enter")}</button></div></form><//>`}`;
 }
 
-async function leave() {
+async function signOut() {
   session.set(await remove("/session"));
   navigate("/login");
 }
@@ -104,7 +104,7 @@ export function Bar({ place, who }) {
       <div class="tools">
         ${who?.name && html`<span class="who" title=${t(`role.${who.role}`)}>${who.name}</span>`}
         ${who?.role && who.pins && html`<${Operator} who=${who} />`}
-        ${who?.role && !who.open && !who.pin_s && html`<button type="button" onClick=${leave}>${t("login.leave")}</button>`}
+        ${who?.role && !who.open && !who.pin_s && html`<button type="button" onClick=${() => leave(signOut)}>${t("login.leave")}</button>`}
         <${Language} />${rank > 0 && html`<${Calls} />`}<${Theme} />
       </div>
     </header>

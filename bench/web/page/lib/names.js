@@ -1,8 +1,14 @@
 // Names of plans and runs for people.
+import { may } from "./store.js";
 import { moment, or, t } from "./words.js";
 
-/** A shipped plan has a name in every language; others show their file's name. */
-export const planTitle = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}`, plan.title);
+/** The words of a plan that is as the bench ships it; another one, also of the same name, has its own. */
+const ofPlan = (plan, what, own) => (plan.shipped === false ? own : or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}${what}`, own));
+export const planTitle = (plan) => ofPlan(plan, "", plan.title);
+export const planPurpose = (plan) => ofPlan(plan, ".for", plan.summary);
+
+/** Whether a plan is offered to who is signed in: what a diagnosis proposed is for engineers. */
+export const isOffered = (plan) => !plan.proposed || may("engineer");
 
 /** The same for limits and for a station, which is named by its file or, with a hyphen, by what is in it. */
 export const limitsName = (id, title = id) => or(`limits.${id}`, title);
@@ -13,7 +19,7 @@ export const stationName = (name) => or(`station.${name?.replaceAll("-", "_")}`,
 /** Name of the plan of a run; of an import its file. */
 export function planName(run) {
   const [, file] = run.profile?.match(/^import(?: of |_)(.+)$/) ?? [];
-  return file ? t("units.kind.import_of", { file }) : planTitle({ id: run.profile, title: run.profile?.replaceAll("_", " ") || t("live.run") });
+  return file ? t("units.kind.import_of", { file }) : planTitle({ id: run.profile, shipped: run.shipped, title: run.profile?.replaceAll("_", " ") || t("live.run") });
 }
 
 /** A run by its id, for people: plan and moment; a folder that is not named by both keeps its name. */

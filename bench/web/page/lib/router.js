@@ -14,6 +14,27 @@ export function navigate(address, { replace = false, state = null } = {}) {
   here.set(read(true));
 }
 
+/** Address of the page with changes that are not saved; empty without one. */
+let unsaved = "";
+
+/** What goes on when the person agrees to lose changes; null where nothing is asked. */
+export const asked = store(null);
+
+/** Whether the page has changes that leaving it would lose. */
+export function hold(changed) {
+  unsaved = changed ? location.pathname + location.search : "";
+}
+
+/** Do `go`, which leaves the page; with changes that are not saved only when the person agrees. */
+export function leave(go) {
+  if (!unsaved) return go();
+  asked.set({ go() {
+    unsaved = "";
+    go();
+  } });
+  return undefined;
+}
+
 /** Keep a state of the page (a filter, a choice) in its address, without a new entry in the history. */
 export function remember(query) {
   const entries = Object.entries(query).filter(([, value]) => value !== "" && value !== null && value !== undefined);
@@ -60,7 +81,12 @@ export function takeLinks() {
     if (!ours || !plain || event.defaultPrevented || link.target || link.hasAttribute("download")) return;
     if (link.hash && link.pathname === location.pathname) return;
     event.preventDefault();
-    navigate(link.pathname + link.search);
+    leave(() => navigate(link.pathname + link.search));
   });
-  addEventListener("popstate", () => here.set(read(true)));
+  addEventListener("popstate", () => {
+    if (!unsaved) return here.set(read(true));
+    history.pushState(null, "", unsaved);
+    return leave(() => history.back());
+  });
+  addEventListener("beforeunload", (event) => unsaved && event.preventDefault());
 }

@@ -150,9 +150,18 @@ export function duration(seconds) {
 /** Both ends of a range in one line; the unit is in the second one. */
 export const between = (from, to) => inOneLine(`${from} … ${to}`);
 
-/** A moment (ISO 8601) in local time, broken before the time only; a dash for an empty one. */
-export function moment(iso) {
+/**
+ * A time (ISO 8601) as the language writes it, in one line; a dash for an empty one.
+ * @param {Intl.DateTimeFormatOptions} style
+ */
+function dated(iso, style) {
   const date = new Date(iso);
   if (!iso || Number.isNaN(date.valueOf())) return "–";
-  return inOneLine(new Intl.DateTimeFormat(language.get(), { dateStyle: "medium", timeStyle: "short" }).format(date)).replace(/\u00a0(?=\d+:)/, " ");
+  return inOneLine(new Intl.DateTimeFormat(language.get(), style).format(date));
 }
+
+/** A day. */
+export const day = (iso) => dated(iso, { dateStyle: "medium" });
+
+/** A moment in local time, broken before the time only. */
+export const moment = (iso) => dated(iso, { dateStyle: "medium", timeStyle: "short" }).replace(/\u00a0(?=\d+:)/, " ");

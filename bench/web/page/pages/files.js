@@ -3,7 +3,8 @@ import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { compute, get, put, url } from "../lib/api.js";
 import { Curve } from "../lib/curve.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
-import { remember } from "../lib/router.js";
+import { useUnsaved } from "../lib/leaving.js";
+import { leave, remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { limitsName, planTitle, stationName } from "../lib/names.js";
 import { duration, t } from "../lib/words.js";
@@ -14,7 +15,8 @@ const KINDS = ["profiles", "stations", "limits"];
 const PAUSE_MS = 600;
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
-const titleOf = (kind, id) => ({ profiles: () => planTitle({ id, title: id }), stations: () => stationName(id), limits: () => limitsName(id) })[kind]();
+/** Name of a file; a profile of one's own has that of its file, whatever the shipped one says. */
+const titleOf = (kind, id, own) => ({ profiles: () => planTitle({ id, title: id, shipped: !own }), stations: () => stationName(id), limits: () => limitsName(id) })[kind]();
 
 /** The check of a text, asked for a moment after the last key: {result, error, busy}. */
 function useDraft(kind, id, text, station) {
@@ -38,7 +40,7 @@ function useDraft(kind, id, text, station) {
 }
 
 /** The text with the numbers of its lines; those with an error are marked. */
-function Editor({ text, wrong, change, focus }) {
+function Editor({ text, wrong, change, focus, closed }) {
   const area = useRef(null);
   const numbers = useRef(null);
   const lines = text.split("\n").length;
@@ -50,7 +52,7 @@ function Editor({ text, wrong, change, focus }) {
     area.current.scrollTop = (focus.line - 4) * (area.current.scrollHeight / lines);
   }, [focus]);
   return html`<div class="edit"><ol class="edit-numbers" aria-hidden="true" ref=${numbers}>${Array.from({ length: lines }, (_, index) => html`<li key=${index} class=${wrong.has(index + 1) ? "wrong" : undefined}>${index + 1}</li>`)}</ol>
-    <textarea ref=${area} class="mono" aria-label=${t("files.text")} aria-invalid=${wrong.size > 0} spellcheck=${false} autocomplete="off" autocapitalize="off" wrap="off" value=${text}
+    <textarea ref=${area} class="mono" aria-label=${t("files.text")} aria-invalid=${wrong.size > 0} spellcheck=${false} autocomplete="off" autocapitalize="off" wrap="off" readonly=${closed} value=${text}
       onInput=${(event) => change(event.target.value)} onScroll=${(event) => (numbers.current.scrollTop = event.target.scrollTop)}></textarea></div>`;
 }
 
@@ -67,9 +69,11 @@ function File({ kind, id, stations, saved }) {
       setText(found.text);
     }, (error) => setState({ error }));
   }, []);
-  const check = useDraft(kind, id, text, station);
+  const mine = may("engineer");
+  const check = useDraft(kind, id, mine ? text : null, station);
   const findings = check.result?.findings ?? [];
-  const changed = file && text !== file.text;
+  const changed = Boolean(file) && text !== file.text;
+  useUnsaved(changed);
   const save = async (event) => {
     event.preventDefault();
     setState({ busy: true });
@@ -86,21 +90,21 @@ function File({ kind, id, stations, saved }) {
   const placed = findings.filter(({ line, level }) => line && level !== "info");
   const tone = check.result?.ok === false ? "bad" : "good";
   return html`<form class="edit-file stack" onSubmit=${save}>
-    <h2>${titleOf(kind, id)} <span class="small soft mono">${id}.yaml</span></h2>
+    <h2>${titleOf(kind, id, file.own)} <span class="small soft mono">${id}.yaml</span></h2>
     <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
     <div class=${kind === "profiles" ? "edit-two" : undefined}>
-      <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} change=${(next) => {
+      <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} closed=${!mine} change=${(next) => {
         setText(next);
         setState({});
       }} />
         <${Trouble} error=${state.error} />
-        ${may("engineer") && html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
+        ${!mine ? html`<p>${t("papers.engineers")}</p>` : html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
           <button type="submit" class="primary" disabled=${state.busy || !NAME.test(name) || (!changed && name === id)}>${t(file.own && name === id ? "files.save" : "files.save_own")}</button>
           <button type="button" disabled=${!changed} onClick=${() => setText(file.text)}>${t("files.back")}</button>
           <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div>`}
       </div>
       <div class="stack">
-        ${kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
+        ${mine && kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
         ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
         <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${t(tone === "good" ? "files.good" : "files.bad")}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
@@ -120,16 +124,22 @@ export default function Files({ query }) {
     setId(next);
     remember({ kind, id: next });
   };
+  /** What was chosen is shown when the person has agreed to lose changes. */
+  const choose = (event, before, take) => {
+    const next = event.target.value;
+    event.target.value = before;
+    leave(() => take(next));
+  };
   if (!data) return html`<div class="page">${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   return html`<div class="page stack"><h1>${t("files.title")}</h1><p class="soft">${t("files.what")}</p>
     <div class="row"><div class="field"><label for="files-kind">${t("files.kind")}</label>
-        <select id="files-kind" value=${kind} onChange=${(event) => {
-          setKind(event.target.value);
+        <select id="files-kind" value=${kind} onChange=${(event) => choose(event, kind, (next) => {
+          setKind(next);
           setId("");
-        }}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
+        })}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
       <div class="field"><label for="files-id">${t("files.file")}</label>
-        <select id="files-id" value=${id} onChange=${(event) => open(event.target.value)}><option value="">${t("files.choose")}</option>
-          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
+        <select id="files-id" value=${id} onChange=${(event) => choose(event, id, open)}><option value="">${t("files.choose")}</option>
+          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one, data.own[kind].includes(one))}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
     ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} stations=${data.stations} saved=${(name) => {
       again();
       if (name !== id) open(name);

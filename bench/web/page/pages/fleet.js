@@ -6,9 +6,9 @@ import { navigate, remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
-import { asGiven, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
+import { asGiven, day, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { day, NoRegistry, Tile, useGet } from "./stock/parts.js";
+import { NoRegistry, Tile, useGet } from "./stock/parts.js";
 import { outcomeWord } from "./verdict/judged.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;

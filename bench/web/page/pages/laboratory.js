@@ -94,7 +94,7 @@ function Form({ kind, station, paper, empty, Fields }) {
   return html`<form class="panel stack" aria-labelledby=${kind} onSubmit=${save}><h2 id=${kind}>${t(`papers.${kind}`)}</h2>
     <p class="small soft">${paper.content || paper.problem ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
     <${Trouble} error=${paper.problem || null} />
-    <${Fields} content=${content} change=${change} />
+    <fieldset class="all" disabled=${!may("engineer")}><${Fields} content=${content} change=${change} /></fieldset>
     <${Trouble} error=${state.error} />
     <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t("papers.save")}<span class="unseen"> ${t(`papers.${kind}`)}</span></button>` : html`<p>${t("papers.engineers")}</p>`}
       <span role="status">${state.saved && t("papers.saved")}</span></div>

@@ -7,7 +7,7 @@ import { startAct, startRun } from "../lib/starts.js";
 import { may } from "../lib/store.js";
 import { duration, moment, sign, t } from "../lib/words.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
-import { limitsName, planName, planTitle, stationName } from "../lib/names.js";
+import { isOffered, limitsName, planName, planTitle, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
 import { Said } from "../lib/said.js";
 
@@ -112,7 +112,7 @@ function InTheUnit({ path, run }) {
   const there = (stations?.stations ?? []).filter((one) => one.units.includes(run.unit));
   const station = place || (there.find((one) => one.title === run.manifest.station) ?? there[0])?.id;
   const own = plans?.plans.find((one) => one.name === run.manifest.profile);
-  const others = (plans?.plans ?? []).filter((one) => !one.problem && one !== own && one.kind === (own?.kind ?? "temperature"));
+  const others = (plans?.plans ?? []).filter((one) => !one.problem && isOffered(one) && one !== own && one.kind === (own?.kind ?? "temperature"));
   const chosen = plan || (others.find(({ id }) => id === own?.verification) ?? others[0])?.id;
   const within = limit ?? own?.limits ?? "";
   const begin = async (act) => {
@@ -130,7 +130,7 @@ function InTheUnit({ path, run }) {
     return {};
   });
   if (!may("operator")) return null;
-  const options = (all, current) => all.map(({ id, title, kind }) => html`<option key=${id} value=${id} selected=${id === current}>${kind ? planTitle({ id, title }) : limitsName(id, title)}</option>`);
+  const options = (all, current) => all.map((one) => html`<option key=${one.id} value=${one.id} selected=${one.id === current}>${one.kind ? planTitle(one) : limitsName(one.id, one.title)}</option>`);
   return html`<${Part} name="unit">
     ${stations && !station && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
     ${station && html`<div class="run-fields">

@@ -4,11 +4,11 @@ import { url } from "../lib/api.js";
 import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { asGiven, duration, effectWord, moment, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
+import { asGiven, day, duration, effectWord, moment, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
-import { day, Outcome, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
+import { Outcome, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
 
 const RAIL = [-60, 120];
 const STATUS_TONES = { in_unit: "good", newest: "link", superseded: "idle", not_passed: "bad" };

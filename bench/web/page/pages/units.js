@@ -4,9 +4,9 @@ import { post, query } from "../lib/api.js";
 import { Busy, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { effectWord, moment, t } from "../lib/words.js";
+import { day, effectWord, moment, t } from "../lib/words.js";
 import { stationName } from "../lib/names.js";
-import { day, NoRegistry, useGet, Verdict } from "./stock/parts.js";
+import { NoRegistry, useGet, Verdict } from "./stock/parts.js";
 
 const STANDINGS = ["pass", "fail", "unjudged", "uncalibrated"];
 const PAGE = 200;

@@ -5,7 +5,7 @@ import { traces, useLive } from "../../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../../lib/parts.js";
 import { may } from "../../lib/store.js";
 import { Trace } from "../../lib/trace.js";
-import { duration, moment, t } from "../../lib/words.js";
+import { duration, moment, sign, t } from "../../lib/words.js";
 import { Actions } from "../live/actions.js";
 import { Temperatures } from "../live/charts.js";
 import { Headline, Segments, Troubles } from "../live/run.js";
@@ -14,6 +14,7 @@ import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from 
 import { Said } from "../../lib/said.js";
 
 const LOOK_MS = 1000;
+const STOPPED = ["interrupted", "failed"];
 const EMPTY = new Trace();
 
 /** The calibration as it stands, asked for again while it is shown. */
@@ -101,7 +102,7 @@ function Step({ step, index, job }) {
 function Ending({ job }) {
   if (job.state === "ended") return html`<${Ended} job=${job} />`;
   if (job.state === "held") return html`<${Held} job=${job} />`;
-  if (job.state === "failed" || job.state === "interrupted") return html`<${Stopped} job=${job} />`;
+  if (STOPPED.includes(job.state)) return html`<${Stopped} job=${job} />`;
   return job.state === "waiting" && html`<p role="status">${t("job.waits")}</p>`;
 }
 
@@ -148,12 +149,13 @@ function Held({ job }) {
 
 function Stopped({ job }) {
   const { busy, error, go } = useGoOn(job);
+  const all = job.together.filter(({ state }) => STOPPED.includes(state)).map(({ unit }) => unit);
   const papers = job.exit_code === 2 && job.start && job.steps.some(({ name, state }) => name === "check" && state === "failed");
   return html`<section class="notice bad" role="status"><p><strong>${t(job.state === "failed" ? `job.failed.${job.exit_code}` : "job.interrupted")}</strong></p>
       <p><${Said} text=${job.sentence || job.start?.message} /></p></section>
     <${Trouble} error=${error} />
     ${may("operator") && html`<div class="verdict-ways">
-      ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}</button>`}
+      ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}${all.length > 1 && `${sign(": ")}${all.join(", ")}`}</button>`}
       ${papers && html`<a class="button" href=${`/laboratory?station=${encodeURIComponent(job.start.station)}`}>${t("papers.title")}</a>`}
       <a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a></div>`}`;
 }

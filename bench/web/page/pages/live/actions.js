@@ -4,6 +4,7 @@ import { post, url } from "../../lib/api.js";
 import { Dialog, Trouble } from "../../lib/parts.js";
 import { may } from "../../lib/store.js";
 import { t } from "../../lib/words.js";
+import { operatorOf } from "../start/operator.js";
 
 const POSSIBLE = { running: ["hold", "pause"], pausing: ["hold", "resume"], holding: ["resume"] };
 const SIGNS = {
@@ -25,7 +26,7 @@ export function Actions({ run }) {
     setError(null);
     const [unit, folder] = run.run.split("/");
     try {
-      await post(url`/live/${unit}/${folder}/${action}`);
+      await post(url`/live/${unit}/${folder}/${action}`, operatorOf());
       if (action !== "abort") setRequested("");
     } catch (problem) {
       // Whether an abort arrived is not known without an answer: the person must go to the equipment.

@@ -1,11 +1,9 @@
 // Choice of the plan: each with its temperature curve, duration and purpose.
 import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
-import { between, degrees, duration, number, or, t } from "../../lib/words.js";
+import { between, degrees, duration, number, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
-import { planTitle } from "../../lib/names.js";
-
-const planPurpose = (plan) => or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}.for`, plan.summary);
+import { isOffered, planPurpose, planTitle } from "../../lib/names.js";
 
 const MOST = 24;
 
@@ -16,11 +14,12 @@ const fits = (plan, words) => {
 
 const can = (station, plan) => !plan.problem && (plan.kind === "temperature" || (plan.kind === "imu" ? station.fixture : station.rate_table));
 
-/** Whole calibrations first, then single runs. */
+/** Whole calibrations first, then single runs, then what a diagnosis proposed. */
 export function PlanQuestion({ plans, calibrations, station, answer }) {
   const [words, setWords] = useState("");
-  const possible = plans.filter((plan) => can(station, plan));
-  const shown = possible.filter((plan) => fits(plan, words));
+  const possible = plans.filter((plan) => can(station, plan) && isOffered(plan));
+  const found = possible.filter((plan) => fits(plan, words));
+  const [shown, proposed] = [found.filter((plan) => !plan.proposed), found.filter((plan) => plan.proposed)];
   const whole = calibrations.filter((plan) => can(station, plan) && fits(plan, words));
   const broken = [...calibrations, ...plans].filter((plan) => plan.problem);
   return html`
@@ -33,7 +32,10 @@ export function PlanQuestion({ plans, calibrations, station, answer }) {
       ${shown.slice(0, MOST).map((plan) => html`<${PlanCard} key=${plan.id} plan=${plan} choose=${() => answer({ plan: plan.id, calibration: null })} />`)}
     </div>
     ${shown.length > MOST && html`<p class="soft">${t("plan.more", { n: shown.length - MOST })}</p>`}
-    ${!shown.length && !whole.length && html`<p class="soft">${t("plan.none")}</p>`}
+    ${proposed.length > 0 && html`<details open=${words !== ""}><summary>${t("plan.proposed", { n: proposed.length })}</summary>
+      <div class="plans">${proposed.slice(0, MOST).map((plan) => html`<${PlanCard} key=${plan.id} plan=${plan} choose=${() => answer({ plan: plan.id, calibration: null })} />`)}</div>
+      ${proposed.length > MOST && html`<p class="soft">${t("plan.more", { n: proposed.length - MOST })}</p>`}</details>`}
+    ${!found.length && !whole.length && html`<p class="soft">${t("plan.none")}</p>`}
     ${broken.length > 0 && html`<details><summary>${t("plan.broken", { n: broken.length })}</summary>
       <ul>${broken.map((plan) => html`<li key=${plan.id}><code>${plan.id}</code>: <${Said} text=${plan.problem} /></li>`)}</ul></details>`}`;
 }

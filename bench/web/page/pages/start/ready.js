@@ -21,7 +21,6 @@ const MINUTE_MS = 60_000;
 const lastLimits = remembered("limits_of", {});
 
 export function Ready({ order, plan, station, limits, begun }) {
-  const { result, error, again } = useCheck(order);
   const calibrating = Boolean(plan.calibration);
   const [starting, setStarting] = useState(false);
   const [refused, setRefused] = useState(null);
@@ -29,6 +28,7 @@ export function Ready({ order, plan, station, limits, begun }) {
     const chosen = lastLimits.get()[plan.id] ?? plan.limits;
     return limits.some(({ id }) => id === chosen) ? chosen : "";
   });
+  const { result, error, again } = useCheck({ ...order, limits: within });
   const [later, setLater] = useState("");
   const start = async (queue = false) => {
     setStarting(true);

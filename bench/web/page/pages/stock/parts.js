@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "../../lib/preact.js";
 import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
-import { language, or, t } from "../../lib/words.js";
+import { or, t } from "../../lib/words.js";
 import { outcomeWord, toneOf } from "../verdict/judged.js";
 
 const AGAIN_MS = 5000;
@@ -31,13 +31,6 @@ export function useGet(path) {
     return () => clearTimeout(timer);
   }, [state.data]);
   return { ...state, again };
-}
-
-/** A day (ISO 8601) in this language. */
-export function day(iso) {
-  const date = new Date(iso);
-  if (!iso || Number.isNaN(date.valueOf())) return "–";
-  return new Intl.DateTimeFormat(language.get(), { dateStyle: "medium" }).format(date);
 }
 
 const STATES = { done: "good", running: "link", aborted: toneOf("aborted"), failed: "bad" };

@@ -1,0 +1,62 @@
+"""The texts of profiles, stations and limits in the page."""
+
+import pytest
+
+from bench.web.people import people
+from tests.support.servers import site_over
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory, project):
+    with site_over(tmp_path_factory.mktemp("files"), project=project) as site:
+        yield site.address
+
+
+def test_changes_that_are_not_saved_are_not_lost_without_a_question(address, visitors):
+    page = visitors.come(address)
+    page.goto("/units")
+    page.get_by_role("heading").first.wait_for()
+    page.evaluate("history.pushState(null, '', '/files?kind=profiles&id=short'); history.go(0)")
+    text, question = page.locator("textarea"), page.get_by_role("dialog")
+    stay = question.get_by_role("button", name="Keep editing")
+    text.press("Control+End")
+    text.type("# mine\n")
+    for leave in (
+        page.get_by_role("link", name="Fleet").click,
+        page.go_back,
+        lambda: page.locator("#files-id").select_option("brief"),
+        lambda: page.locator("#files-kind").select_option("limits"),
+    ):
+        leave()
+        stay.click()
+        question.wait_for(state="detached")
+        assert text.input_value().endswith("# mine\n")
+        assert (page.locator("#files-kind").input_value(), page.locator("#files-id").input_value()) == (
+            "profiles", "short",
+        )  # fmt: skip
+        assert page.url.endswith("/files?kind=profiles&id=short")
+    with page.expect_event("dialog") as closing:
+        page.evaluate("setTimeout(() => location.reload())")
+    assert closing.value.type == "beforeunload"
+    closing.value.dismiss()
+    page.go_back()
+    question.get_by_role("button", name="Discard changes").click()
+    page.wait_for_url("**/units")
+
+
+def test_who_may_not_change_a_file_reads_it_and_is_told_so(tmp_path, project, visitors):
+    access = tmp_path / "access.yaml"
+    token = people.add_person(access, "screen", "viewer")
+    with site_over(tmp_path / "out", "--access", str(access), project=project) as site:
+        page = visitors.come(site.address)
+        page.goto("/files?kind=profiles&id=short")
+        page.get_by_label("Token").fill(token)
+        page.keyboard.press("Enter")
+        page.get_by_text("Only engineers may change it.").wait_for()
+        assert page.locator("textarea").get_attribute("readonly") is not None
+        page.wait_for_load_state("networkidle")
+        assert page.locator(".notice.bad").count() == 0
+        page.goto("/laboratory?station=bare")
+        page.get_by_text("Only engineers may change it.").first.wait_for()
+        assert page.locator(".papers form :is(input, select, button):enabled").count() == 0
+        page.close()
