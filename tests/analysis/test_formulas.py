@@ -169,7 +169,7 @@ def test_a_part_that_snaps_over_at_two_temperatures_is_found_where_its_jumps_are
 @pytest.mark.slow
 def test_terms_of_one_formula_have_the_sizes_that_they_have_together():
     """Found one after the other, the first had taken in a part of the next."""
-    (run, check, _, still), _ = outside._unit(outside.Trial("stick_and_slip", 3.0, 1))
+    (run, check, _, still), _ = outside._unit(outside.Trial("beating_drive", 3.0, 1))
     best = diagnose([run], MODEL, check=[check], static=still).formulas[0]
     model = replace(best.model, effects=(*best.model.effects[:-1], Expression(best.formula)))
     fit = fit_model(model, [run], weights="noise")
