@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -26,6 +26,9 @@ from bench.cli.options import (
     shelf_options,
     together,
 )
+
+if TYPE_CHECKING:
+    from bench import archive
 
 
 @click.group()
@@ -149,6 +152,13 @@ which_options = together(
 )
 
 
+def _selection(options: dict[str, Any]) -> archive.Selection:
+    """What `which_options` say, taken out of the options."""
+    from bench.archive import Selection
+
+    return Selection(options.pop("profile"), simulated=options.pop("simulated"))
+
+
 engine_options = together(
     click.option(
         "--engine",
@@ -176,7 +186,7 @@ def fleet(context: click.Context, /, as_json: bool, **options: Any) -> None:
     if context.invoked_subcommand is None:
         from bench import commands
 
-        answer(lambda: commands.fleet(**fetched(options)), as_json)
+        answer(lambda: commands.fleet(selection=_selection(options), **fetched(options)), as_json)
 
 
 @fleet.command("gauge")
@@ -192,7 +202,7 @@ def fleet_gauge(quantity: str, out: Path, where: str | None, **options: Any) -> 
     Standard deviations of repetitions, stations and units by crossed analysis of variance and by REML; exit code 1 if
     the first two take more than 30 % (AIAG).
     """
-    return commands.gauge(quantity, out, where, **options)
+    return commands.gauge(quantity, out, where, _selection(options), **options)
 
 
 @fleet.command("refit")
@@ -207,7 +217,7 @@ def fleet_refit(
     model: str, moments: Path | None, records: Path | None, out: Path, where: str | None, **work: Any
 ) -> commands.Result:
     """Refit every unit from the moments of its newest run of the profile; a failure does not stop the others."""
-    return commands.refit(model, out, where, moments, records, commands.RefitOptions(**work))
+    return commands.refit(model, out, where, moments, records, commands.RefitOptions(_selection(work), **work))
 
 
 @fleet.command("diagnose")
@@ -223,7 +233,7 @@ def fleet_diagnose(model: str, out: Path, where: str | None, again: bool, **work
     Takes the newest run of each unit, and a diagnosis of the same model that its folder has. The others are made now
     and kept in the folders; an interrupted command goes on where it was.
     """
-    return commands.diagnose_units(model, out, where, commands.RefitOptions(**work), again=again)
+    return commands.diagnose_units(model, out, where, commands.RefitOptions(_selection(work), **work), again=again)
 
 
 @click.group()

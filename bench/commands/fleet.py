@@ -19,10 +19,9 @@ if TYPE_CHECKING:
 def fleet(  # noqa: PLR0913 - options of one command, by keyword
     out: Path,
     where: str | None,
+    selection: archive.Selection,
     *,
     pattern: str | None,
-    profile: str | None,
-    simulated: bool | None,
     limits: Path | None,
     html: Path | None,
     csv: Path | None,
@@ -30,7 +29,7 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     """Yield, capability, charts, drifts, odd units."""
     bounds = analysis.load_limits(limits) if limits else None
     with existing(out, where) as registry:
-        units = archive.fleet_of(registry, pattern, archive.Selection(profile, simulated=simulated))
+        units = archive.fleet_of(registry, pattern, selection)
     found = archive.statistics(units, bounds)
     for path, made in ((html, archive.render), (csv, archive.safe_csv)):
         if path is not None:
@@ -61,14 +60,13 @@ def diagnose_units(
     return FleetDiagnosed(model.name, found, name, time.perf_counter() - begun)
 
 
-def gauge(  # noqa: PLR0913 - options of one command, by keyword
+def gauge(
     quantity: str,
     out: Path,
     where: str | None,
+    selection: archive.Selection,
     *,
     pattern: str | None,
-    profile: str | None,
-    simulated: bool | None,
     limits: Path | None,
 ) -> GaugeJudged:
     """`bench fleet gauge`: repeatability and reproducibility of a quantity, from units that stations measured again.
@@ -78,7 +76,7 @@ def gauge(  # noqa: PLR0913 - options of one command, by keyword
     import numpy as np
 
     with existing(out, where) as registry:
-        every, units, left_out = archive.selected(registry, pattern, archive.Selection(profile, simulated=simulated))
+        every, units, left_out = archive.selected(registry, pattern, selection)
     runs = [run for run in every if quantity in run.values]
     if not runs:
         raise InputError(f"no run has the quantity '{quantity}'{nearest_or_all(quantity, sorted(units))}", out)

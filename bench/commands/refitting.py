@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,18 +21,13 @@ SMALL = 4
 
 @dataclass(frozen=True)
 class RefitOptions:
-    """Where to compute, and which runs count; `workers` None: one a processor."""
+    """Which runs count, and where to compute; `workers` None: one a processor."""
+
+    selection: archive.Selection = field(default_factory=archive.Selection)
 
     engine: str = "auto"
     workers: int | None = None
     scheduler: str | None = None
-    profile: str | None = None
-    simulated: bool | None = None
-
-    @property
-    def selection(self) -> archive.Selection:
-        """Which runs count."""
-        return archive.Selection(self.profile, simulated=self.simulated)
 
 
 def refit(
@@ -75,9 +70,8 @@ def _collected(root: Path, where: str | None, options: RefitOptions) -> tuple[Pa
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", root)
     path = root / "moments.parquet"
     with open_in(root, where) as registry:
-        selection = options.selection
         done = archive.collect(
-            registry, archive.archive(root), path, lambda groups: engine_of(options, groups)[1], selection
+            registry, archive.archive(root), path, lambda groups: engine_of(options, groups)[1], options.selection
         )
     if not done.rows:
         raise InputError(

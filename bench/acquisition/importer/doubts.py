@@ -201,6 +201,8 @@ def _of_thermometer(name: str, degc: FloatArray) -> Iterator[str]:
 
 def _ends(rate: FloatArray) -> Iterator[tuple[float, int]]:
     """The smallest and the largest value where the rows crowd, with their number."""
+    if max(np.count_nonzero(rate == end) for end in (rate.min(), rate.max())) < _SATURATED:
+        return  # the usual case, without sorting what may be millions of rows
     levels, rows = np.unique(rate, return_counts=True)
     if levels.size < _LEVELS:
         return

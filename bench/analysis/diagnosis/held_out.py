@@ -55,8 +55,8 @@ def unseen(
         above = tuple(apart.beta[columns.shape[1] :].tolist())
         apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
-            rms, shape = (left_out_rms(each, rows.weights, rows.blocks()) for each in (solution, apart))
-            rms, shape = (each if np.isfinite(each) else np.nan for each in (rms, shape))
+            rms = _blocks_rms(solution, rows)
+            shape = rms if apart is solution else _blocks_rms(apart, rows)
             return Unseen(rms, shape, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
@@ -84,6 +84,11 @@ def _apart(rows: FitRows, columns: FloatArray) -> Solution:
     """The fit with a constant for each further run."""
     run = np.repeat(np.arange(len(rows.masks)), [int(mask.sum()) for mask in rows.masks])
     return solve(np.column_stack([columns, run[:, None] == np.arange(1, len(rows.masks))]), rows.y, rows.weights)
+
+
+def _blocks_rms(solution: Solution, rows: FitRows) -> float:
+    rms = left_out_rms(solution, rows.weights, rows.blocks())
+    return rms if np.isfinite(rms) else np.nan
 
 
 def _of_check(left: Sequence[FloatArray], proof: LeftOut) -> tuple[float, float]:
