@@ -27,4 +27,6 @@ def noise(runs: Sequence[Path], output: str | None = None) -> NoiseFound:
         "quantisation": (*floor.estimate.quantisation(), "deg"),
         "rate_ramp": (*floor.estimate.ramp(), "deg/h/h"),
     }
+    if known.correlated:
+        found["correlated_noise"] = (known.correlated, *known.intervals["correlated"], "deg/h")
     return NoiseFound(tuple(map(str, runs)), floor, {key: NoiseCoefficient(*values) for key, values in found.items()})

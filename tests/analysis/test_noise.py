@@ -3,6 +3,7 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.signal import lfilter
 from scipy.stats import norm
 
 from bench.analysis.noise import likelihood
@@ -200,3 +201,36 @@ class TestLattice:
         usual = lowest()
         monkeypatch.setattr(likelihood, "_MOST_KEPT", 30)
         assert lowest() == usual
+
+
+class TestCorrelatedNoise:
+    """White noise behind a filter, made by `scipy.signal.lfilter` sample by sample, 0.2 s each."""
+
+    N, FILTER_S = 0.0083, 20.0
+
+    def rows(self, rng, seconds, interval_s=1.0):
+        fine = rng.normal(size=round(5 * seconds)) * self.N * np.sqrt(3600.0 / 0.2)
+        keep = np.exp(-0.2 / self.FILTER_S)
+        settled = lfilter([1.0 - keep], [1.0, -keep], np.concatenate([fine[:2000], fine]))[2000:]
+        return settled.reshape(-1, round(5 * interval_s)).mean(axis=1)
+
+    def test_it_is_told_from_flicker_and_walk_and_the_floor_is_that_of_long_runs(self, rng):
+        floors = [np.std(self.rows(rng, 20_010, 30.0)) for _ in range(10)]
+        found = [estimate_noise([Stretch(self.rows(rng, 1500)) for _ in range(5)], 1.0) for _ in range(20)]
+        assert_allclose([one.noise.correlation_s for one in found], self.FILTER_S, rtol=0.5)
+        assert_allclose([one.noise.white for one in found], self.N, rtol=0.35)
+        assert_allclose([one.noise.std_of_means(30.0, 20_000.0) for one in found], np.mean(floors), rtol=0.3)
+        inside = [low < np.mean(floors) < high for low, high in (one.floor_interval(30.0, 20_000.0) for one in found)]
+        assert sum(inside) >= 16
+
+    def test_its_allan_deviation_is_that_of_the_simulation(self, rng):
+        filtered = self.rows(rng, 200_000)
+        noise = Noise(
+            self.N, 0.0, 0.0, correlated=self.N / np.sqrt(2 * self.FILTER_S / 3600), correlation_s=self.FILTER_S
+        )
+        tau, deviation, *_ = allantools.oadev(filtered, rate=1.0, data_type="freq", taus=[4, 20, 60, 300, 1000])
+        assert_allclose(noise.allan_deviation(np.array(tau)), deviation, rtol=0.08)
+
+    def test_it_is_not_seen_in_white_noise_flicker_and_walk(self, rng):
+        found = [estimate_noise([Stretch(gyro_noise(rng, 3000, 1.0))], 1.0).noise for _ in range(20)]
+        assert [noise.correlated for noise in found] == [0.0] * 20

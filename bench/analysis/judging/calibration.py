@@ -77,7 +77,9 @@ def _residual(best: Score | None) -> dict[str, Any] | None:
 
 def _noise(floor: Floor) -> dict[str, Any]:
     noise = floor.noise
-    coefficients = (("white", "deg/sqrt(h)"), ("flicker", "deg/h"), ("walk", "deg/h/sqrt(h)"))
+    coefficients = [("white", "deg/sqrt(h)"), ("flicker", "deg/h"), ("walk", "deg/h/sqrt(h)")]
+    if noise is not None and noise.correlated:
+        coefficients.append(("correlated", "deg/h"))
     return {
         "floor_dph": finite(floor.floor_dph),
         "reason": floor.reason,

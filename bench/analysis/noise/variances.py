@@ -90,14 +90,15 @@ def _held(found: FloatArray, along: Along | None) -> FloatArray:
 
 
 def interval(
-    squares: Squares, best: FloatArray, weights: FloatArray, simulated: bool = True, seed: int = 0
+    squares: Squares, best: FloatArray, weights: FloatArray, simulated: bool = True, spent: float = 0.0
 ) -> tuple[float, float]:
     """95 % interval of the standard deviation sqrt(`weights` @ variances) about the most likely variances `best` (4,).
 
     A variance that is exactly zero in `best` is no part of the noise. Not `simulated` takes the test's point from
-    chi-square, which a variance far from zero allows.
+    chi-square, which a variance far from zero allows; the ratio is then below it by `spent`, what something that is
+    known no better (a correlation time) has taken of it.
     """
-    test = _Test(squares, best, weights, simulated, seed)
+    test = _Test(squares, best, weights, simulated, spent)
     return float(np.sqrt(test.end(-1.0))), float(np.sqrt(test.end(1.0)))
 
 
@@ -108,22 +109,22 @@ def standard_errors(squares: Squares, variances: FloatArray) -> FloatArray:
     return np.asarray(1.0 / np.sqrt(information))
 
 
-def may_vanish(squares: Squares, best: FloatArray, weights: FloatArray, seed: int = 0) -> bool:
+def may_vanish(squares: Squares, best: FloatArray, weights: FloatArray, spent: float = 0.0) -> bool:
     """Whether the data do not tell `weights` @ variances from zero at the 5 % level."""
-    return _Test(squares, best, weights, True, seed).may_vanish()
+    return _Test(squares, best, weights, True, spent).may_vanish()
 
 
 class _Test:
     """The likelihood-ratio test of values of one variance of interest."""
 
-    def __init__(self, squares: Squares, best: FloatArray, weights: FloatArray, simulated: bool, seed: int) -> None:
+    def __init__(self, squares: Squares, best: FloatArray, weights: FloatArray, simulated: bool, spent: float) -> None:
         active = best > 0.0
         squares = Squares(squares.total, squares.freedom, squares.unit[:, active])
         best, weights = best[active], weights[active]
-        self.squares, self.best, self.weights, self.simulated = squares, best, weights, simulated
+        self.squares, self.best, self.weights, self.simulated, self.spent = squares, best, weights, simulated, spent
         self.lowest = float(height(squares, best[None, :], squares.total[None, :])[0])
         self.start = np.maximum(best, 0.1 * standard_errors(squares, best))
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(0)
         # The same draws at every value that is tested: the point of the test then moves smoothly.
         self.draws = rng.chisquare(squares.freedom, size=(_SIMULATED, len(squares.freedom))) if simulated else None
 
@@ -132,7 +133,7 @@ class _Test:
         if side < 0.0 and self.may_vanish():
             return 0.0
         if not self.simulated:
-            return self._crossing(side, _USUAL)
+            return self._crossing(side, _USUAL - self.spent)
         end = self._rejecting(side)
         return end if side > 0.0 else min([end, *self._first_alone()])
 
@@ -171,7 +172,7 @@ class _Test:
         if np.all(self.weights > 0.0):
             return False
         held, at = self._none()
-        return float(at[0]) - self.lowest <= self._point(held[0], 0.0)
+        return float(at[0]) - self.lowest + self.spent <= self._point(held[0], 0.0)
 
     def _none(self, total: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """The other variances alone: those (r, k) and -2 ln L (r,)."""

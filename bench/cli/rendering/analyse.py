@@ -194,6 +194,7 @@ _MEANINGS = {
     "rate_random_walk": "K  rate random walk",
     "quantisation": "Q  quantisation",
     "rate_ramp": "R  rate ramp",
+    "correlated_noise": "M  correlated noise",
 }
 
 
@@ -221,6 +222,11 @@ def _(result: NoiseFound) -> Iterator[str | Table]:
     yield f"read from {spans}"
     if floor.estimate is not None and not floor.estimate.white_samples:
         yield "note: N is from means over rows: samples within a row are not there or do not scatter as white noise"
+    if floor.noise is not None and floor.noise.correlated:
+        yield (
+            f"note: M is noise with a correlation time of {floor.noise.correlation_s:.2g} s, such as a filter "
+            "leaves; N is that of averages over much longer times"
+        )
 
 
 @content.register(NoiseFound)
@@ -239,6 +245,7 @@ def _(result: NoiseFound) -> dict[str, Any]:
     }
     return {
         "runs": list(result.names), **coefficients, "floor_dph": finite(floor.floor_dph),
+        "correlation_s": floor.noise.correlation_s if floor.noise is not None and floor.noise.correlated else None,
         "floor_interval_dph": [low, high], "stretches": stretches, "allan": curves,
     }  # fmt: skip
 

@@ -79,6 +79,7 @@ def noise(analysis: Analysis) -> Section | None:
         ("N", "angle random walk", "white", "deg/√h"),
         ("B", "bias instability", "flicker", "deg/h"),
         ("K", "rate random walk", "walk", "deg/h/√h"),
+        *(("M", f"correlated noise, {tau_s:.2g} s", "correlated", "deg/h") for tau_s in noise_found.times_s),
     )
     for letter, meaning, name, unit in names:
         low, high = noise_found.intervals.get(name, (float("nan"), float("nan")))
