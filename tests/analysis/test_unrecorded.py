@@ -90,3 +90,24 @@ def test_what_was_found_beside_a_drift_is_told_with_its_proof():
     text = sentence(answer, drifts=True)
     assert text.startswith("Beside bias_jump the model lacks something")
     assert "Adding bias_jump lowers the error on legs left out from 1.60 to 1.10" in text
+
+
+@pytest.mark.parametrize(("other", "doubted"), [((), False), (("supply_voltage",), True)])
+def test_a_jump_that_something_else_explains_as_well_is_not_proved_by_legs_of_the_only_run(other, doubted):
+    """The supply jumps at the same time; its voltmeter is noisy, so that a jump in time fits a little better."""
+    rng = np.random.default_rng(5)
+    time = (np.arange(600) + 0.5) * 30.0
+    temperature = 25.0 + 50.0 * np.sin(5.0 * np.pi * time / time[-1])
+    jump = time > 8500.0
+    rate = 2e-4 * (temperature - 25.0) ** 2 + 0.25 * jump + rng.normal(0.0, 0.09, time.size)
+    channels = {
+        "temperature": temperature,
+        "rate": rate,
+        "supply": 5.0 + 0.1 * jump + rng.normal(0.0, 0.006, time.size),
+    }
+    run = Dataset("one", time, channels, np.zeros(600, dtype=np.int64), (), 30.0)
+    answer = diagnose([run], SPLINE, candidates=[effects.make(name) for name in ("bias_jump", *other)])
+    best = answer.suspects[0]
+    assert (best.effect, best.look_alikes) == ("bias_jump", other)
+    assert (answer.verdict, best.proof.proved) == (("undecided", False) if doubted else ("missing_effect", True))
+    assert ("only another run can tell it from supply_voltage" in answer.sentence) is doubted

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,7 +57,8 @@ class Ranking:
         if found:
             better = self._preferred(layout, evidence, suspect, scored.left)
             alike = tuple(dict.fromkeys([*better, *alike]))
-            proof = replace(proof, doubt=_doubt(better, values))
+            once = effect.by_clock and proof.by != "check" and len(layout.rows.records) == 1
+            proof = replace(proof, doubt=_doubt(better, values, alike if once else ()))
         return SuspectedEffect(
             effect=effect.name,
             options=options_of(effect),
@@ -106,13 +107,19 @@ class Ranking:
         return tuple(name for name in tied if name != own) if own in tied else ()
 
 
-def _doubt(better: Mapping[str, float], values: Mapping[str, Value]) -> str:
-    """Why a fall of the error does not prove an effect; `better` are errors [deg/h] with others in its place."""
+def _doubt(better: Mapping[str, float], values: Mapping[str, Value], alike: Sequence[str]) -> str:
+    """Why a fall of the error does not prove an effect.
+
+    `better` are errors [deg/h] with others in its place. What depends on time alone is interpolated into a leg left out
+    of the only run, what is `alike` may not be.
+    """
     if better:
         name, error = next(iter(better.items()))
         return f"with {name} in its place to {number(error)} deg/h"
     stuck = next((name for name, value in values.items() if value.at_bound), "")
-    return f"{stuck} is on its bound: not determined" if stuck else ""
+    if stuck:
+        return f"{stuck} is on its bound: not determined"
+    return f"only another run can tell it from {alike[0]}" if alike else ""
 
 
 def _values(layout: Layout, effect: Effect, suspect: Suspect) -> dict[str, Value]:

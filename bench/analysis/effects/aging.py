@@ -26,6 +26,7 @@ class Aging(Effect):
     """One or two terms in time; `law` line, logarithm or both, `settled_h` above 0."""
 
     name = "aging"
+    by_clock = True
 
     law: str = "line"
     settled_h: float = 1.0

@@ -73,6 +73,9 @@ class Effect:
     name: ClassVar[str]
     """Name in models and reports; of a built-in effect the file's name."""
 
+    by_clock: ClassVar[bool] = False
+    """Whether it depends on the time since the start of the run alone: within a run, anything slow resembles it."""
+
     @property
     def rarity(self) -> float:
         """Further parameters that a ranking counts for a cause that is rarer than its look-alikes: of two that fit

@@ -30,6 +30,7 @@ class BiasJump(Effect):
     """
 
     name = "bias_jump"
+    by_clock = True
     family = "jump"
     amplitudes = (("a", "deg/h"),)
 
