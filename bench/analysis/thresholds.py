@@ -63,6 +63,8 @@ LEAST_DIAGNOSED_ROWS = 16
 """Means of the runs together."""
 LEAST_STATIC_ROWS = 40
 """Means of an isothermal run with the temperature standing still."""
+CYCLES_DEGC = 3.0
+"""Range of temperature within which a run that never settles counts as isothermal: its chamber cycles."""
 LEAST_STRETCH_S = 300.0
 """Length of an isothermal stretch that the noise floor is read from."""
 

@@ -10,9 +10,11 @@ from bench.analysis.noise import likelihood
 from bench.analysis.noise.allan import allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Noise, estimate_noise, profile_noise
+from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
 from bench.analysis.noise.whitening import Ratios, Whitener, covariance
 from bench.base.errors import InputError
+from bench.record.dataset import Dataset
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")
@@ -234,3 +236,17 @@ class TestCorrelatedNoise:
     def test_it_is_not_seen_in_white_noise_flicker_and_walk(self, rng):
         found = [estimate_noise([Stretch(gyro_noise(rng, 3000, 1.0))], 1.0).noise for _ in range(20)]
         assert [noise.correlated for noise in found] == [0.0] * 20
+
+
+@pytest.mark.parametrize(("swing_degc", "told"), [(0.75, True), (4.0, False)])
+def test_a_chamber_that_cycles_about_one_temperature_still_tells_the_floor(rng, swing_degc, told):
+    time = np.arange(0.5, 14_400.0)
+    temperature = 25.0 + swing_degc * np.sin(2.0 * np.pi * time / 640.0)
+    rate = 0.3 * temperature + rng.normal(size=time.size) * 0.0083 * 60.0
+    run = Dataset(
+        "cycling", time, {"temperature": temperature, "rate": rate}, np.zeros(time.size, dtype=np.int64), (), 1.0
+    )
+    floor = noise_floor([run], 30.0, intervals=False)
+    assert bool(floor.reason) is not told
+    if told:
+        assert floor.floor_dph == pytest.approx(0.0083 / np.sqrt(30.0 / 3600.0), rel=0.05)

@@ -143,7 +143,12 @@ class _Case:
         layout = Layout(rows, np.array(list(fit.theta.values())), still, others)
         layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
-        floor = noise_floor(runs, runs[0].interval_s, static).floor_dph if floor_dph is None else floor_dph
+        floor = floor_dph
+        if floor is None:
+            found = noise_floor(runs, runs[0].interval_s, static)
+            floor = found.floor_dph
+            if static is not None and found.reason:
+                notes.append(f"the isothermal run {static.name} does not tell the noise floor: {found.reason}")
         layout = resolved(layout, floor)
         if steps := layout.resolution.words():
             notes.append(f"{steps}: no effect smaller than that is named")

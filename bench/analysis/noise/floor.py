@@ -10,11 +10,12 @@ import numpy as np
 from bench.analysis.noise.allan import AllanCurve, allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Estimate, Noise, estimate_noise
-from bench.analysis.thresholds import LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
+from bench.analysis.thresholds import CYCLES_DEGC, LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
 from bench.base import BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 _AHEAD_S = 60.0
+_CYCLES = 0.1  # of the rows of a stretch at which the temperature moves: its chamber cycles
 _LEAST_SHARE = 0.25
 """Of the longest stretch: a short one beside a long one tells little of slow noise, and thermal tails pass for it."""
 
@@ -76,14 +77,18 @@ def noise_floor(
 
 
 def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
-    """Rows of each isothermal stretch: each soak after its settling, or any stand-still where there are no segments."""
+    """Rows of each isothermal stretch: each soak after its settling, or any stand-still where there are no segments.
+
+    A run of which the temperature cycles about one value is a single stretch.
+    """
     soaks = [segment for segment in base.segments if segment.settles]
     if soaks:
         pieces = [(s.name, np.flatnonzero(base.segment == s.index)) for s in soaks]
         tails = [(name, _settled(base, rows)) for name, rows in pieces if rows.size]
     else:
-        still = np.abs(np.nan_to_num(base.dT_dt, nan=np.inf)) < SETTLED_DEGC_PER_MIN
-        runs = [np.arange(a, b) for a, b in stretches_of(still)]
+        runs = [np.arange(a, b) for a, b in stretches_of(_still(base))]
+        if 2 * max(map(len, runs), default=0) < len(base) and _cycles(base):
+            runs = [np.arange(len(base))]
         tails = [(f"still at {np.nanmean(base.channel('temperature')[rows]):.0f} °C", rows) for rows in runs]
     long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= LEAST_STRETCH_S]
     at_rest = [(name, rows) for name, rows in long if not _turns(base, rows)]
@@ -108,6 +113,17 @@ def _changes(base: Dataset, rows: IntArray) -> bool:
     return bool(np.ptp(applied[np.isfinite(applied)]) > TURNING_DPS)
 
 
+def _still(base: Dataset) -> BoolArray:
+    return np.abs(np.nan_to_num(base.dT_dt, nan=np.inf)) < SETTLED_DEGC_PER_MIN
+
+
+def _cycles(base: Dataset) -> bool:
+    """Whether the temperature stays about one value and does not stand still."""
+    temperature = base.channel("temperature")
+    known = temperature[np.isfinite(temperature)]
+    return bool(known.size) and float(np.ptp(known)) <= CYCLES_DEGC
+
+
 def _settled(base: Dataset, rows: IntArray) -> IntArray:
     """Rows after the last fast change of temperature, at least the last half (some chambers never stop cycling)."""
     fast = np.flatnonzero(np.abs(np.nan_to_num(base.dT_dt[rows])) > SETTLED_DEGC_PER_MIN)
@@ -118,7 +134,10 @@ def _settled(base: Dataset, rows: IntArray) -> IntArray:
 
 
 def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
-    """Bias of the rows on an even grid of time, NaN in gaps, and how the samples behind each row scatter."""
+    """Bias of the rows on an even grid of time, NaN in gaps, and how the samples behind each row scatter.
+
+    Where the temperature cycles, what follows it and its slope is no noise.
+    """
     index = np.rint((base.time[rows] - base.time[rows[0]]) / base.spacing_s).astype(np.int64)
 
     def grid(values: FloatArray) -> FloatArray:
@@ -128,4 +147,10 @@ def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
 
     variances = base.variances.get("rate")
     counts = None if variances is None else grid(base.count("rate"))
-    return Stretch(grid(base.bias), counts, None if variances is None else grid(variances))
+    bias = base.bias
+    if np.mean(~_still(base)[rows]) > _CYCLES:
+        moving = np.column_stack([base.channel("temperature"), base.dT_dt])
+        known = rows[np.isfinite(bias[rows]) & np.isfinite(moving[rows]).all(axis=1)]
+        moving = np.nan_to_num(moving - moving[known].mean(axis=0))
+        bias = bias - moving @ np.linalg.lstsq(moving[known], bias[known] - bias[known].mean())[0]
+    return Stretch(grid(bias), counts, None if variances is None else grid(variances))
