@@ -40,7 +40,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.thresholds import EXPLAINED_RATIO, LEAST_DIAGNOSED_ROWS
+from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, LEAST_DIAGNOSED_ROWS, PROVED_DEVIATIONS
 from bench.base import FloatArray, InputError, listed, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
@@ -267,7 +267,8 @@ class _Case:
         the noise is not known well enough to tell, where it takes several of them, or where a channel moves that none
         of them rests on: one formula may do.
 
-        Only what unseen data bear, or do not judge; and whether the best explains more than the effects found.
+        Only what unseen data bear, or do not judge, or of which the evidence of check runs is strong while their error,
+        which their slow noise moves, does not rise beyond chance; and whether the best explains more than the effects.
         """
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         known = not bound_only(describer.floor_dph, improved.rms_dph)
@@ -280,7 +281,12 @@ class _Case:
         found = describer.describe(self.layout, explained)
         if enough and not found.replaces:
             return (), False
-        kept = tuple(one for one in found.formulas if one.proof.falls is not False)
+        kept = tuple(
+            one
+            for one in found.formulas
+            if one.proof.falls is not False
+            or (one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS)
+        )
         return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
