@@ -7,6 +7,7 @@ from bench.analysis.diagnosis.compare import compare, ladder
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model, load_model
 from bench.base.errors import InputError
+from bench.record.dataset import Dataset
 from tests.support.analysis_data import curve, thermal_cycle, white, with_bias
 
 
@@ -139,3 +140,17 @@ def test_json_has_the_keys_of_the_blueprint_and_null_for_what_does_not_exist():
 def test_the_same_data_gives_the_same_numbers():
     first, second = (compare(record(), [spline(12)], 0.2).to_json() for _ in range(2))
     assert first == second
+
+
+@pytest.mark.parametrize("use", ["fitted", "check"])
+def test_an_output_that_never_changes_is_not_scored(use):
+    """An error of 0.0000 deg/h would be the best of all models."""
+    time = np.arange(0.0, 6000.0, 30.0)
+    temperature = 25.0 + 40.0 * np.sin(time / 900.0)
+    moving, stuck = (
+        Dataset(name, time, {"temperature": temperature, "rate": rate}, np.zeros(time.size, dtype=np.int64), (), 30.0)
+        for name, rate in (("moving", 0.01 * temperature + np.cos(time)), ("stuck", np.full(time.size, 1.5)))
+    )
+    runs, check = ([stuck], None) if use == "fitted" else ([moving], [stuck])
+    with pytest.raises(InputError, match=r"stuck: rate is 1\.5 deg/h in every row: no gyro is so quiet"):
+        compare(runs, [Model("line", (effects.make("polynomial", {"order": 1}),))], 0.1, check)

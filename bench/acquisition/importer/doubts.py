@@ -165,8 +165,8 @@ def _of_rate(name: str, values: FloatArray, given: str) -> Iterator[str]:
         )
     if rate.size > 1 and np.ptp(rate) == 0.0:
         yield (
-            f"{name} is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; is it the right column, and did the "
-            "unit still measure?"
+            f"{name} is {rate[0]:.6g} deg/h in every row: no gyro is so quiet; check the column, and whether "
+            "the unit still measured"
         )
 
 

@@ -35,7 +35,7 @@ from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.design import fit_rows
-from bench.analysis.fit.fitting import Fit, fit_model
+from bench.analysis.fit.fitting import Fit, fit_model, refuse_stuck, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
@@ -82,8 +82,9 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     own = () if static is None else (static,)
     refuse_mixed((*runs, *check, *own))
     refuse_twice((*sisters, *own))
-    for given in (runs, *([run] for run in (*check, *own, *sisters))):
-        _refuse_stuck(given)
+    for record in (*own, *sisters):
+        refuse_stuck(record)
+    refuse_unfit(check)
     with one_blas_thread():
         case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
         if surface:
@@ -330,15 +331,6 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
-
-
-def _refuse_stuck(runs: Sequence[Dataset]) -> None:
-    """InputError where the rate of these runs is the same in every row."""
-    rates = np.concatenate([run.channel("rate") for run in runs])
-    known = rates[np.isfinite(rates)]
-    if known.size and np.ptp(known) == 0.0:
-        text = f"{listed([run.name for run in runs])}: rate is {known[0]:.6g} deg/h in every row: no gyro is so quiet"
-        raise InputError(f"{text}; is it the right column, and did the unit still measure?")
 
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:

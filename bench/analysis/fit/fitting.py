@@ -273,11 +273,21 @@ def _is_rounding(matrix: FloatArray, units: Sequence[str]) -> BoolArray:
     return np.asarray(size <= _ROUNDING * largest[of_unit])
 
 
+def refuse_stuck(record: Dataset) -> None:
+    """InputError where the rate is the same in every row."""
+    rate = record.channels.get("rate", np.zeros(0))
+    known = rate[np.isfinite(rate)]
+    if known.size > 1 and np.ptp(known) == 0.0:
+        text = f"{record.name}: rate is {known[0]:.6g} deg/h in every row: no gyro is so quiet"
+        raise InputError(f"{text}; check the column, and whether the unit still measured")
+
+
 def refuse_unfit(records: Iterable[Dataset]) -> None:
     """InputError where a record is not the bias of one axis over temperature: the unit corrected its rate itself, or
-    one of several outputs was recorded in several attitudes, each of which turns another axis.
+    one of several outputs was recorded in several attitudes, each of which turns another axis; or it never changes.
     """
     for record in records:
+        refuse_stuck(record)
         if record.corrected:
             text = f"{record.name}: the unit corrected its rate itself during this run: it is a verification"
             raise InputError(f"{text} and cannot be fitted or checked against; use runs of the raw rate")
