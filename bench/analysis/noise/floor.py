@@ -151,6 +151,7 @@ def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
     if np.mean(~_still(base)[rows]) > _CYCLES:
         moving = np.column_stack([base.channel("temperature"), base.dT_dt])
         known = rows[np.isfinite(bias[rows]) & np.isfinite(moving[rows]).all(axis=1)]
-        moving = np.nan_to_num(moving - moving[known].mean(axis=0))
-        bias = bias - moving @ np.linalg.lstsq(moving[known], bias[known] - bias[known].mean())[0]
+        if known.size:
+            moving = np.nan_to_num(moving - moving[known].mean(axis=0))
+            bias = bias - moving @ np.linalg.lstsq(moving[known], bias[known] - bias[known].mean())[0]
     return Stretch(grid(bias), counts, None if variances is None else grid(variances))
