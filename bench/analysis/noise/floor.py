@@ -37,6 +37,8 @@ class Floor:
     static: str = ""
     """Name of the isothermal run that it was read from; empty where it was read from the runs themselves."""
     interval_dph: tuple[float, float] = (np.nan, np.nan)
+    duration_s: float = np.nan
+    """Length of the run that it is expected in: slow noise moves a long run further."""
     estimate: Estimate | None = None
 
 
@@ -70,7 +72,7 @@ def noise_floor(
     spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in stretches)
     interval_s = max(interval_s, runs[0].spacing_s)
     floor_dph = estimate.noise.std_of_means(interval_s, duration_s)
-    found = Floor(floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate)
+    found = Floor(floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate, duration_s=duration_s)
     if not intervals:
         return found
     return replace(found, noise=estimate.with_intervals(), interval_dph=estimate.floor_interval(interval_s, duration_s))

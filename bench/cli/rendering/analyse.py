@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench import analysis
-from bench.base import bound, finite, in_own, say, verdict_word
+from bench.base import bound, clock, finite, in_own, say, verdict_word
 from bench.cli.rendering.diagnose import next_run
 from bench.cli.rendering.difference import difference
 from bench.cli.rendering.drawing import plot
@@ -217,7 +217,8 @@ def _(result: NoiseFound) -> Iterator[str | Table]:
     yield table(("coefficient (IEEE 952)", ">value", ">95 % interval", "unit"), rows)
     yield ""
     low, high = floor.interval_dph
-    yield f"noise floor of 30 s means {number(floor.floor_dph)} deg/h RMS ({number(low)} to {number(high)})"
+    hours = f"in a run of {clock(floor.duration_s)}"
+    yield f"noise floor of 30 s means {hours}: {number(floor.floor_dph)} deg/h RMS ({number(low)} to {number(high)})"
     spans = ", ".join(f"{name} ({(to_s - from_s) / 60:.0f} min)" for name, from_s, to_s in floor.stretches)
     yield f"read from {spans}"
     if floor.estimate is not None and not floor.estimate.white_samples:
@@ -246,7 +247,8 @@ def _(result: NoiseFound) -> dict[str, Any]:
     return {
         "runs": list(result.names), **coefficients, "floor_dph": finite(floor.floor_dph),
         "correlation_s": floor.noise.correlation_s if floor.noise is not None and floor.noise.correlated else None,
-        "floor_interval_dph": [low, high], "stretches": stretches, "allan": curves,
+        "floor_interval_dph": [low, high],
+        "floor_duration_s": finite(floor.duration_s), "stretches": stretches, "allan": curves,
     }  # fmt: skip
 
 
