@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.example import example
+from bench.analysis.effects.model import Model
 from bench.base.channels import CHANNELS
 from bench.base.errors import InputError
 from bench.record.dataset import Dataset
@@ -274,3 +276,22 @@ def test_a_rate_that_steps_within_a_mean_is_squared_before_it_is_averaged():
         columns("scale_factor_temperature", moved, {"order": 1, "constant": False})[:, 0],
         3600e-6 * np.mean(rate.reshape(-1, 30), axis=1),
     )
+
+
+def test_ageing_that_slows_down_is_told_from_a_line():
+    """A logarithm of powered time, as outgassing has, beside white noise: one effect, of that law, with its size."""
+    rng = np.random.default_rng(4)
+    time = (np.arange(700) + 0.5) * 30.0
+    temperature = 25.0 + 50.0 * np.sin(5.0 * np.pi * time / time[-1])
+    rate = 2e-4 * (temperature - 25.0) ** 2 + 0.6 * np.log1p(time / 3600.0) + rng.normal(0.0, 0.09, time.size)
+    still = np.full(700, 25.0), rng.normal(0.0, 0.09, time.size)
+    run, static = (
+        Dataset(name, time, {"temperature": t, "rate": r}, np.zeros(700, dtype=np.int64), (), 30.0)
+        for name, t, r in (("aged", temperature, rate), ("still", *still))
+    )
+    spline = Model("spline", (effects.make("spline", {"intervals": 12}),))
+    wanted = [effects.make(name) for name in ("aging", "warm_up", "creep")]
+    answer = diagnose([run], spline, static=static, candidates=wanted)
+    (found,) = answer.named
+    assert (found.effect, found.options) == ("aging", {"law": "logarithm"})
+    assert found.parameters["logarithm"].value == pytest.approx(0.6, abs=0.1)

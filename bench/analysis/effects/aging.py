@@ -10,7 +10,7 @@ Separated by: the same temperature at start, middle and end; a static run of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,10 @@ class Aging(Effect):
     def __post_init__(self) -> None:
         check_choice(self.name, "law", self.law, LAWS)
         check_number(self.name, "settled_h", self.settled_h, 1e-3, 1e6)
+
+    def shapes(self) -> tuple[Effect, ...]:
+        """A line, or a change that slows down."""
+        return (self, replace(self, law="logarithm")) if self.law == "line" else (self,)
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Time [h], its logarithm, or both (n, 1 or 2)."""
