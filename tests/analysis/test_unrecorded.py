@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.diagnosis.decision import explains
-from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
@@ -111,3 +111,20 @@ def test_a_jump_that_something_else_explains_as_well_is_not_proved_by_legs_of_th
     assert (best.effect, best.look_alikes) == ("bias_jump", other)
     assert (answer.verdict, best.proof.proved) == (("undecided", False) if doubted else ("missing_effect", True))
     assert ("only another run can tell it from supply_voltage" in answer.sentence) is doubted
+
+
+@pytest.mark.parametrize(("after_dph", "deviations", "borne", "told"), [
+    (0.12, 5.0, 40.0, True), (0.128, 0.5, 40.0, True), (0.131, -0.5, 40.0, True),
+    (0.131, -0.5, 0.0, False), (0.17, -4.0, 40.0, False), (np.nan, np.nan, 0.0, True),
+])  # fmt: skip
+def test_a_formula_that_check_runs_bear_by_their_evidence_is_told_unless_their_error_rises(
+    after_dph, deviations, borne, told
+):
+    """Slow noise of a check run moves its error as much as a small effect does; it does not move the evidence."""
+    formula = SimpleNamespace(proof=Proof("check", 0.13, after_dph, deviations), borne=borne)
+    case = SimpleNamespace(layout=SimpleNamespace(resolution=SimpleNamespace(words=str)))
+    found = SimpleNamespace(formulas=(formula,), replaces=True)
+    describer = SimpleNamespace(floor_dph=0.1, describe=lambda *_: found)
+    unknown, improved = SimpleNamespace(word="unknown_effect", steps=()), SimpleNamespace(shape_dph=0.2, rms_dph=0.2)
+    kept, replaces = _Case._formulas(case, unknown, improved, describer, proved=False)
+    assert (kept == (formula,), replaces) == (told, told)
