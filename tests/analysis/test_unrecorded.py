@@ -128,3 +128,25 @@ def test_a_formula_that_check_runs_bear_by_their_evidence_is_told_unless_their_e
     unknown, improved = SimpleNamespace(word="unknown_effect", steps=()), SimpleNamespace(shape_dph=0.2, rms_dph=0.2)
     kept, replaces = _Case._formulas(case, unknown, improved, describer, proved=False)
     assert (kept == (formula,), replaces) == (told, told)
+
+
+def test_what_the_check_run_alone_shows_is_said_to_be_of_that_run():
+    """A part came loose between the two runs: nothing is wrong with the first, which "cannot tell" nothing."""
+    rng = np.random.default_rng(2)
+    time = (np.arange(600) + 0.5) * 30.0
+    temperature = 25.0 + 50.0 * np.sin(5.0 * np.pi * time / time[-1])
+    loop = 0.5 * np.sign(np.gradient(temperature))
+    segment = np.zeros(600, dtype=np.int64)
+    still = Dataset(
+        "still", time, {"temperature": np.full(600, 25.0), "rate": rng.normal(0.0, 0.09, 600)}, segment, (), 30.0
+    )
+    run, check = (
+        Dataset(name, time, {"temperature": temperature, "rate": own + rng.normal(0.0, 0.09, 600)}, segment, (), 30.0)
+        for name, own in (("tight", np.zeros(600)), ("loose", loop))
+    )
+    wanted = [effects.make(name) for name in ("hysteresis", "creep")]
+    answer = diagnose([run], SPLINE, check=[check], static=still, candidates=wanted)
+    assert (answer.verdict, answer.proved) == ("undecided", False)
+    assert answer.sentence.startswith("The check run shows what this run does not")
+    together = diagnose([run, check], SPLINE, static=still, candidates=wanted)
+    assert "hysteresis" in {suspect.effect for suspect in together.found}

@@ -15,6 +15,9 @@ from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
 from bench.base import FloatArray, number
 
+ON_UNSEEN = "the error on unseen data is"
+"""Begins the reason that unseen data show more than the noise."""
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -44,7 +47,7 @@ def decide(
     if not found:
         ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
         if ratio > ADEQUATE_RATIO:
-            slow = slow or f"the error on unseen data is {ratio:.2g} x the noise floor"
+            slow = slow or f"{ON_UNSEEN} {ratio:.2g} x the noise floor"
         elif base.apart_dph > ADEQUATE_RATIO * floor_dph:
             slow = slow or f"the residual is {base.apart_dph / floor_dph:.2g} x the noise floor"
         if not isfinite(ratio):

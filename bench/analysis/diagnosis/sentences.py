@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
+from bench.analysis.diagnosis.decision import ON_UNSEEN
 from bench.analysis.diagnosis.described import sentence as formula_sentence
-from bench.analysis.thresholds import NEAREST_RATIO
+from bench.analysis.thresholds import ADEQUATE_RATIO, NEAREST_RATIO
 from bench.base import ends, listed, number, with_uncertainty
 
 _LACKS = "The model lacks something that no effect of the catalogue explains"
@@ -113,7 +114,13 @@ def _proof(suspect: SuspectedEffect) -> str:
 
 
 def _undecided(answer: Diagnosis, why: str, left: str) -> str:
-    """What remains may be a slow cause, or the noise."""
+    """What remains may be a slow cause, or the noise; or the run is at its noise, and check runs are not."""
+    if answer.check and answer.rms_dph <= ADEQUATE_RATIO * answer.floor_dph and why.startswith(ON_UNSEEN):
+        return (
+            f"The check run shows what this run does not: the residual of this run ({left}, noise floor "
+            f"{number(answer.floor_dph)}) is noise, and {why}. Diagnose both together: name the check run beside the "
+            "run, not as --check."
+        )
     ask = "record an isothermal run and give it as --static" if not answer.static else "record the run that is proposed"
     return (
         f"A slow cause or the noise: this run cannot tell. The residual ({left}, noise floor "
