@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.stats import binomtest
 
 from bench.analysis.noise.floor import noise_floor
@@ -38,8 +39,12 @@ NOISES: dict[str, Coefficients] = {
     "white": (0.01, 0.0, 0.0),
     "shipped": (0.01, 0.03, 0.03),
     "walking": (0.02, 0.05, 0.3),
+    "filtered": (0.01, 0.0, 0.03),
 }
 """N [deg/sqrt(h)], B [deg/h], K [deg/h/sqrt(h)]."""
+FILTERS_S = {"filtered": 20.0}
+"""Time constant of the filter that the white noise passes; samples within a row then say nothing of N."""
+_FINE = 10  # steps of a filter in each row
 QUANTITIES = ("white", "flicker", "walk", "floor")
 BAR = (0.93, 0.97)
 _SOAKS_S = (900, 900, 1200, 900)
@@ -67,19 +72,21 @@ def cases(runs: int, noises: Sequence[str] = ()) -> Iterator[Case]:
 def run_case(case: Case, seed: int) -> dict[str, Any]:
     """Of each quantity the truth, the value, the interval."""
     rng = np.random.default_rng([seed, case.number, case.static, zlib.crc32(case.noise.encode())])
-    noise = NOISES[case.noise]
-    run = recorded(noise, rng, _SOAKS_S, _RAMP_S)
-    still = recorded(noise, rng, (_STATIC_S,), 0) if case.static else None
+    noise, filter_s = NOISES[case.noise], FILTERS_S.get(case.noise, 0.0)
+    run = recorded(noise, rng, _SOAKS_S, _RAMP_S, filter_s)
+    still = recorded(noise, rng, (_STATIC_S,), 0, filter_s) if case.static else None
     found = noise_floor([run], MEANS_S, still)
     if found.noise is None:
         raise RuntimeError(found.reason)
-    truth = dict(zip(QUANTITIES, (*noise, true_floor(noise, len(run))), strict=True))
+    truth = dict(zip(QUANTITIES, (*noise, true_floor(noise, len(run), filter_s)), strict=True))
     values = {name: getattr(found.noise, name) for name in QUANTITIES[:3]} | {"floor": found.floor_dph}
     intervals = dict(found.noise.intervals) | {"floor": found.interval_dph}
     return {name: [truth[name], values[name], *intervals[name]] for name in QUANTITIES}
 
 
-def recorded(noise: Coefficients, rng: np.random.Generator, soaks_s: Sequence[int], ramp_s: int) -> Dataset:
+def recorded(
+    noise: Coefficients, rng: np.random.Generator, soaks_s: Sequence[int], ramp_s: int, filter_s: float = 0.0
+) -> Dataset:
     """A run of ramps and soaks in 1 s means, in which nothing but noise and the tails of the soaks is left."""
     kinds = [(kind, length) for soak in soaks_s for kind, length in (("ramp", ramp_s), ("soak", soak)) if length]
     starts = np.concatenate([[0], np.cumsum([length for _, length in kinds])])
@@ -98,20 +105,31 @@ def recorded(noise: Coefficients, rng: np.random.Generator, soaks_s: Sequence[in
         segments.append(
             Segment(index, f"{kind} {index}", kind, here.start, here.stop, "constant" if kind == "soak" else "heating")
         )
-    rate, variances = made(noise, rng, rows)
+    rate, scatter = made(noise, rng, rows, filter_s)
+    variances = {} if filter_s else {"rate": scatter}
     return Dataset(
-        "simulated", np.arange(rows) + 0.5, {"rate": rate + tail, "temperature": temperature}, segment, tuple(segments),
-        counts={"rate": np.full(rows, float(SAMPLES_HZ))}, variances={"rate": variances},
+        "simulated", np.arange(rows, dtype=np.float64) + 0.5, {"rate": rate + tail, "temperature": temperature}, segment, tuple(segments),
+        counts={"rate": np.full(rows, float(SAMPLES_HZ))}, variances=variances,
     )  # fmt: skip
 
 
-def made(noise: Coefficients, rng: np.random.Generator, rows: int) -> tuple[FloatArray, FloatArray]:
-    """Means over 1 s and the variance of the samples behind each, (rows,) each."""
+def made(
+    noise: Coefficients, rng: np.random.Generator, rows: int, filter_s: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Means over 1 s and the variance of white samples behind each, (rows,) each."""
     n, b, k = noise
-    white = n * 60.0 * rng.standard_normal(rows)
+    white = n * 60.0 * (filtered(rows, rng, filter_s) if filter_s else rng.standard_normal(rows))
     scatter = (n * 60.0) ** 2 * SAMPLES_HZ * rng.chisquare(SAMPLES_HZ - 1, rows) / (SAMPLES_HZ - 1)
     walk = k / 60.0 * np.cumsum(rng.standard_normal(rows))
     return white + b * flicker(rows, rng) + walk, scatter
+
+
+def filtered(rows: int, rng: np.random.Generator, filter_s: float) -> FloatArray:
+    """Means over 1 s (rows,) of white noise of one behind a filter of the first order, settled."""
+    before = round(10.0 * filter_s) * _FINE
+    kept = float(np.exp(-1.0 / (_FINE * filter_s)))
+    fine = rng.standard_normal(before + rows * _FINE) * np.sqrt(_FINE)
+    return np.asarray(lfilter([1.0 - kept], [1.0, -kept], fine)[before:].reshape(rows, _FINE).mean(axis=1))
 
 
 def flicker(rows: int, rng: np.random.Generator) -> FloatArray:
@@ -124,23 +142,31 @@ def flicker(rows: int, rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.fft.irfft(lines, length)[:rows])
 
 
-def true_floor(noise: Coefficients, rows: int) -> float:
+def true_floor(noise: Coefficients, rows: int, filter_s: float = 0.0) -> float:
     """Expected RMS about their mean of the 30 s means of such a run [deg/h].
 
-    White and walk from the variances of their steps, flicker as its mean over 400 draws.
+    White and walk from the variances of their steps, flicker and filtered noise as their means over many draws.
     """
     n, b, k = noise
     means = round((rows - 1) / MEANS_S)
     hours = MEANS_S / HOUR_S
     steps = np.arange(1, means + 1) / means
     walked = k**2 * hours * float(np.sum((1.0 - steps) * steps))
-    return float(np.sqrt(n**2 / hours * (1 - 1 / means) + walked + b**2 * _flicker_square(means)))
+    white = n**2 * 3600.0 * _filtered_square(means, filter_s) if filter_s else n**2 / hours * (1 - 1 / means)
+    return float(np.sqrt(white + walked + b**2 * _flicker_square(means)))
 
 
 @lru_cache(maxsize=4)
 def _flicker_square(means: int) -> float:
     rng = np.random.default_rng(5)
     draws = [flicker(means * int(MEANS_S), rng).reshape(means, -1).mean(axis=1) for _ in range(400)]
+    return float(np.mean(np.var(draws, axis=1)))
+
+
+@lru_cache(maxsize=4)
+def _filtered_square(means: int, filter_s: float) -> float:
+    rng = np.random.default_rng(6)
+    draws = [filtered(means * int(MEANS_S), rng, filter_s).reshape(means, -1).mean(axis=1) for _ in range(60)]
     return float(np.mean(np.var(draws, axis=1)))
 
 
