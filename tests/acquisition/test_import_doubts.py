@@ -130,3 +130,25 @@ def test_what_is_unlikely_is_warned_of(tmp_path, body, words):
 def test_an_ordinary_record_is_not_doubted(tmp_path):
     for step_s, rows in ((1.0, 8000), (0.5, 15_000), (10.0, 1500), (30.0, 800)):
         assert imported(write(tmp_path, ramps(step_s, rows=rows))).warnings == ()
+
+
+def test_a_rate_and_a_temperature_that_changed_places_are_asked_about(tmp_path):
+    rng, air = np.random.default_rng(7), 25.0 + 40.0 * np.sin(np.arange(800) / 127.0)
+    noise, unit = rng.normal(0.0, 3.0, 800), air - 0.5 + rng.normal(0.0, 0.1, 800)
+    columns = ColumnMap(
+        time=TimeSource(interval_s=1),
+        rate=ChannelSource(column="rate", unit="deg/h"),
+        temperature=ChannelSource(column="temperature", unit="degC"),
+        chamber_temperature=ChannelSource(column="air", unit="degC"),
+    )
+
+    def plan(rate, temperature):
+        rows = (f"{r!r},{t!r},{a!r}" for r, t, a in zip(rate.tolist(), temperature.tolist(), air.tolist(), strict=True))
+        return imported(write(tmp_path, "\n".join(["rate,temperature,air", *rows, ""])), columns)
+
+    assert not any("swapped" in text for text in plan(noise, unit).warnings)
+    swapped = plan(unit, noise)
+    asked = "rate follows the temperature of the chamber and temperature does not: are the two columns swapped?"
+    assert asked in swapped.warnings
+    assert swapped.preview().count("  branch ") <= 24 < len(swapped.branches)
+    assert f"… and {len(swapped.branches) - 24} further branches" in swapped.preview()

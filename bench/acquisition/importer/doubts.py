@@ -19,6 +19,8 @@ _CONSTANT_DEGC = 1.0
 _JUMP_DEGC = 0.5
 """Change from one row to the next, after many equal ones, that is no step of a thermometer."""
 _COARSE_DEGC = 0.4
+_SWAPPED = 0.2
+"""Part of the thermometer's distance from the chamber's temperature within which a rate lies in its place."""
 _GAP_INTERVALS = 5.0
 _FEW = 0.1  # of the rows: a sensor that failed for a while, not another unit
 _HANGS, _STEPS = 30, 20.0
@@ -123,7 +125,20 @@ def doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> 
         steps = np.diff(np.unique(degc))
         if steps.size and steps.min() >= _COARSE_DEGC:
             found.append(f"temperature moves in steps of {steps.min():.2g} degC: too coarse for a good calibration")
+    air = channels.get("chamber_temperature")
+    found += [
+        f"{name} follows the temperature of the chamber and {warm} does not: are the two columns swapped?"
+        for name in rates
+        if air is not None and _apart(channels[name], air) < _SWAPPED * min(_apart(channels[warm], air), np.nanstd(air))
+    ]
     return found
+
+
+def _apart(values: FloatArray, others: FloatArray) -> float:
+    """RMS of the difference where both are known; infinite where neither is."""
+    square = (values - others) ** 2
+    known = np.isfinite(square)
+    return float(np.sqrt(square[known].mean())) if known.any() else np.inf
 
 
 def time_gaps(time: FloatArray, table: Table) -> list[str]:

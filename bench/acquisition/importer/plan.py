@@ -37,6 +37,7 @@ from drivers.units import Conversion
 
 _LEAST_SORTED = 3
 _HOUR_S = 3600.0
+_BRANCHES = 24  # that the preview lists; a noisy thermometer, or a wrong column, makes hundreds
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,9 @@ class ImportPlan:
             entry = f"`{spare}: {{column: {numbers[0]}}}`"
             lines.append(f"  effects of a further quantity are searched, too, if a column map has it: {entry}")
         lines += [f"  branch {b.as_segment(i).name}, {(b.to_s - b.from_s) / 60:.0f} min, {b.rate_degc_per_min:.2g} "
-                  "degC/min" for i, b in enumerate(self.branches)]  # fmt: skip
+                  "degC/min" for i, b in enumerate(self.branches[:_BRANCHES])]  # fmt: skip
+        if len(self.branches) > _BRANCHES:
+            lines.append(f"  … and {len(self.branches) - _BRANCHES} further branches")
         return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
 
     def to_json(self) -> dict[str, Any]:
