@@ -129,7 +129,8 @@ def doubts(channels: Mapping[str, FloatArray], mapped: Mapping[str, Mapped]) -> 
     found += [
         f"{name} follows the temperature of the chamber and {warm} does not: are the two columns swapped?"
         for name in rates
-        if air is not None and _apart(channels[name], air) < _SWAPPED * min(_apart(channels[warm], air), np.nanstd(air))
+        if air is not None
+        and _apart(channels[name], air) < _SWAPPED * min(_apart(channels[warm], air), float(np.nanstd(air)))
     ]
     return found
 
