@@ -15,7 +15,6 @@ from bench.base import BoolArray, FloatArray, InputError, IntArray
 from bench.record import Dataset
 
 _AHEAD_S = 60.0
-_CYCLES = 0.1  # of the rows of a stretch at which the temperature moves: its chamber cycles
 _LEAST_SHARE = 0.25
 """Of the longest stretch: a short one beside a long one tells little of slow noise, and thermal tails pass for it."""
 
@@ -138,7 +137,7 @@ def _settled(base: Dataset, rows: IntArray) -> IntArray:
 def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
     """Bias of the rows on an even grid of time, NaN in gaps, and how the samples behind each row scatter.
 
-    Where the temperature cycles, what follows it and its slope is no noise.
+    Where the whole run cycles about its temperature, what follows that and its slope is no noise.
     """
     index = np.rint((base.time[rows] - base.time[rows[0]]) / base.spacing_s).astype(np.int64)
 
@@ -150,7 +149,7 @@ def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
     variances = base.variances.get("rate")
     counts = None if variances is None else grid(base.count("rate"))
     bias = base.bias
-    if np.mean(~_still(base)[rows]) > _CYCLES:
+    if rows.size == len(base) and not _still(base).all():
         moving = np.column_stack([base.channel("temperature"), base.dT_dt])
         known = rows[np.isfinite(bias[rows]) & np.isfinite(moving[rows]).all(axis=1)]
         if known.size:
