@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, wire_findings
+from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, taken_name, wire_findings
 from bench.analysis import Limits, effect_names, load_limits, model_files
 from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
 from bench.commands import JobFile, Order, Papers, check_on, check_order, load_station, seated, station_file, station_of
@@ -257,16 +257,21 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """
     project = Path(wanted["project"])
     found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"], project)
+    if isinstance(found, Profile):
+        told = _rehearsed(found, station_file(Path(wanted["station"])), (), project)
+        others = [one for one in told["findings"] if one["text"] not in {error["text"] for error in errors}]
+        return {**told, "ok": told["ok"] and not errors, "findings": [*errors, *others]}
     if errors:
         return {"ok": False, "curve": [], "findings": errors}
-    if isinstance(found, Profile):
-        return _rehearsed(found, station_file(Path(wanted["station"])), (), project)
     findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
     return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
 
 
 def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[dict[str, Any]]]:
-    """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`."""
+    """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`.
+
+    A profile under the name of a shipped one is described all the same.
+    """
     load: dict[str, Callable[[Document], Any]] = {
         "profiles": load_profile,
         "stations": station_of,
@@ -278,6 +283,8 @@ def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[di
             Papers.of_station(found, project / "profiles")
     except (BenchError, DriverError) as error:
         return None, _by_line(within(project, str(error)), within(project, file))
+    if isinstance(found, Profile) and (text := taken_name(found)):
+        return found, _told([Finding("error", text, found.file, found.line)])
     return found, []
 
 
