@@ -8,13 +8,16 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner
 
 from bench.acquisition import LiveFile, LiveRun
 from bench.acquisition.profile.profile import load_profile, profile_from_text
 from bench.base import config, library
 from bench.base.errors import InputError
+from bench.cli import main
 from bench.record.folder import open_run
 from bench.web.ground.settings import Settings
 from bench.web.live.subject import describe
@@ -221,6 +224,39 @@ def test_a_check_rehearses_elsewhere_and_says_all_that_is_wrong(settings):
     assert (good["ok"], good["units"], good["curve"][-1]) == (True, ["SIM-0001"], [2970.0, 23.0])
     assert good["duration_s"] > 2970.0
     assert (bad["ok"], bad["findings"][0]["level"], bad["findings"][0]["line"]) == (False, "error", 3)
+
+
+BLIND = "guards: [{name: blind, signal: humidity, above: 60, action: abort}]"
+"""A guard that could never trip."""
+BEYOND = "lowest_degc: -110"
+"""Colder than the chamber's register map writes."""
+
+
+@pytest.mark.parametrize("at", ["chamber", "guard", "plan", "recipients"])
+def test_what_the_start_would_refuse_is_no_good_check(settings, at):
+    made, bearer = settings
+    station, plan = (library() / "stations" / "simulated.yaml").read_text(), SHORT.replace("name: short", "name: blind")
+    station += {"guard": f"{BLIND}\n", "recipients": "notify: nowhere.yaml\n"}.get(at, "")
+    station = station.replace("lowest_degc: -42", BEYOND if at == "chamber" else "lowest_degc: -42")
+    (made.project / "profiles" / "stations" / "mine.yaml").write_text(station)
+    (made.project / "profiles" / "blind.yaml").write_text(plan + (f"{BLIND}\n" if at == "plan" else ""))
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        job = client.post("/api/v1/checks", json={"plan": "blind", "station": "mine"}).json()["job"]
+        found = until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])
+        refused = state_of(client, begin(client, "blind", station="mine"), "refused", "ended")
+    (error,) = [one["text"] for one in found["findings"] if one["level"] == "error"]
+    assert (found["ok"], refused["state"]) == (False, "refused")
+    assert error in refused["message"]
+
+
+def test_a_run_that_has_no_room_on_the_disk_is_no_good_check(settings, monkeypatch):
+    monkeypatch.setattr("bench.commands.acquisition.shutil.disk_usage", lambda _: SimpleNamespace(free=1))
+    files = {"plan": library() / "quick.yaml", "station": library() / "stations" / "simulated.yaml", "limits": None}
+    found = catalog.rehearsed({**files, "units": [], "project": settings[0].project})
+    assert (found["ok"], found["findings"][0]["level"]) == (False, "error")
+    answer = CliRunner().invoke(main, ["check", str(library() / "quick.yaml")])
+    assert (answer.exit_code, "are free" in answer.stdout) == (1, True)
 
 
 @pytest.mark.parametrize(
