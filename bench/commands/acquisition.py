@@ -189,11 +189,12 @@ def _registered(out: Path, where: str | None) -> str:
     return deliver.instruments_yaml(tools)
 
 
-def check(profile_path: Path, station_path: Path | None) -> Checked:
+def check(profile_path: Path, station_path: Path | None, limits_path: Path | None = None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
     profile, station = acquisition.load_profile(profile_path), load_station(station_path)
+    limits = None if limits_path is None else analysis.load_limits(limits_path)
     refuse_wrong(station, profile)
-    return check_on(profile, station)
+    return check_on(profile, station, limits)
 
 
 def refuse_wrong(
