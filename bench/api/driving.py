@@ -50,9 +50,7 @@ def run(
     return open_folder(ended.run.path)
 
 
-def check(
-    profile: str | Path, station: str | Path | None = None, limits: str | Path | None = None
-) -> dict[str, Any]:
+def check(profile: str | Path, station: str | Path | None = None, limits: str | Path | None = None) -> dict[str, Any]:
     """Everything about a profile that can be known before anything moves, as `bench check --json` gives it.
 
     `duration_s` [s] and `segments` are those of a rehearsal on the chamber's model, `disk_bytes` what a run will need,

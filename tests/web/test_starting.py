@@ -19,6 +19,7 @@ from bench.base import config, library
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.record.folder import open_run
+from bench.web.ground.problems import within
 from bench.web.ground.settings import Settings
 from bench.web.live.subject import describe
 from bench.web.people import people
@@ -204,6 +205,16 @@ def test_a_name_that_is_none_is_refused_before_anything_starts(settings, wanted,
         assert client.get("/api/v1/starts", headers=bearer["viewer"]).json() == {"starts": []}
 
 
+def test_paths_are_told_as_they_are_from_the_folders_of_the_bench(tmp_path):
+    project, out = tmp_path / "line", tmp_path / "data" / "reports"
+    told = [
+        (f"bench: {project}/profiles/hot.yaml:3: no", "bench: profiles/hot.yaml:3: no"),
+        (f"({out}/GX-1/run; '{library()}/stations/imu.yaml')", "(GX-1/run; 'profiles/stations/imu.yaml')"),
+        (f"/mnt{project}/a {tmp_path}/other", f"/mnt{project}/a {tmp_path}/other"),
+    ]
+    assert [within(project, text, out) for text, _ in told] == [short for _, short in told]
+
+
 def test_a_viewer_starts_nothing(settings):
     made, bearer = settings
     with served(made) as client:
@@ -248,6 +259,7 @@ def test_what_the_start_would_refuse_is_no_good_check(settings, at):
     (error,) = [one["text"] for one in found["findings"] if one["level"] == "error"]
     assert (found["ok"], refused["state"]) == (False, "refused")
     assert error in refused["message"]
+    assert str(made.project) not in f"{found} {refused}", "nobody at a page needs the folder"
 
 
 def test_a_run_that_has_no_room_on_the_disk_is_no_good_check(settings, monkeypatch):
@@ -330,7 +342,7 @@ def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings
     assert [id_ for id_, plan in plans.items() if plan["proposed"]] == ["next-1"]
     assert plans["long"]["summary"] == "Longer than any test."
     assert plans["rates_quick"]["kind"] == "rate"
-    assert "broken.yaml:2: segments is 5: must be a list" in plans["broken"]["problem"]
+    assert plans["broken"]["problem"] == "profiles/broken.yaml:2: segments is 5: must be a list"
     assert stations["four_units"]["units"] == [f"SIM-000{n}" for n in (1, 2, 3, 4)]
     assert {"quick", "vibratory"} <= {one["id"] for one in limits}
 
