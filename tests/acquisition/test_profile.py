@@ -207,7 +207,7 @@ def test_another_profile_under_the_name_of_a_shipped_one_is_warned_of():
 
     def found(text):
         told = preflight.check_profile(profile.profile_from_text(text), CHAMBER)
-        return [(one.level, one.line) for one in told if "is that of a shipped profile" in one.text]
+        return [(one.level, one.line) for one in told if "is taken by a shipped profile" in one.text]
 
     for own in (shipped, f"# mine\n{shipped}", shipped.replace("name: quick", "name: mine")):
         assert found(own) == []

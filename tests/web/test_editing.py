@@ -90,7 +90,7 @@ def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
     hotter = opened["text"].replace("to_degc: 50", "to_degc: 55", 1)
     line = 1 + [words.startswith("name:") for words in hotter.splitlines()].index(True)
     found = done(client, "/api/v1/files/profiles/quick/checks", text=hotter)
-    (wrong,) = [one for one in found["findings"] if "is that of a shipped profile" in one["text"]]
+    (wrong,) = [one for one in found["findings"] if "is taken by a shipped profile" in one["text"]]
     assert (found["ok"], wrong["level"], wrong["line"], bool(found["curve"])) == (False, "error", line, True)
     for name, digest in (("quick", opened["digest"]), ("mine", "")):
         refused = client.put(f"/api/v1/files/profiles/{name}", json={"text": hotter, "digest": digest})

@@ -129,5 +129,5 @@ def taken_name(profile: Profile) -> str:
     shipped = {file.stem: file for file in library().glob("*.yaml")}.get(profile.name)
     if shipped is None or load_profile(shipped).model_dump() == profile.model_dump():
         return ""
-    text = f"name '{profile.name}' is that of a shipped profile, which is another: histories and fleet would mix their "
-    return f"{text}runs; give this one a name of its own"
+    text = f"the name '{profile.name}' is taken by a shipped profile of other content; histories and fleet would mix "
+    return f"{text}their runs; give this one a name of its own"

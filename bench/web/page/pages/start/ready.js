@@ -64,7 +64,7 @@ export function Ready({ order, plan, station, limits, begun }) {
       <${OperatorField} />
       <${Trouble} error=${refused} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
-      <${StartButton} ready=${ready} starting=${starting} later=${later} why=${result && !result.ok ? findingsOf(result)[0]?.text : ""} start=${() => start()} />
+      <${StartButton} ready=${ready} starting=${starting} later=${later} why=${result && !result.ok ? findingsOf(result)[0]?.text.split("; ")[0] : ""} start=${() => start()} />
       <div class="field"><label for="later">${t("ready.later")}</label>
         <input id="later" type="datetime-local" value=${later} aria-invalid=${passed ? "true" : undefined} aria-describedby="later-wrong" onInput=${(event) => setLater(event.target.value)} />
         <p id="later-wrong" class="tone-bad small" role="status">${passed && t("ready.passed")}</p></div>
