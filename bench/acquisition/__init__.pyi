@@ -29,6 +29,7 @@ from .profile.profile import Profile as Profile
 from .profile.profile import Until as Until
 from .profile.profile import load_profile as load_profile
 from .profile.profile import profile_from_text as profile_from_text
+from .profile.profile import taken_name as taken_name
 from .profile.standing import guards_told as guards_told
 from .recording.assemble import assemble as assemble
 from .run.continuation import plan as plan

@@ -50,13 +50,14 @@ def run(
     return open_folder(ended.run.path)
 
 
-def check(profile: str | Path, station: str | Path | None = None) -> dict[str, Any]:
+def check(profile: str | Path, station: str | Path | None = None, limits: str | Path | None = None) -> dict[str, Any]:
     """Everything about a profile that can be known before anything moves, as `bench check --json` gives it.
 
     `duration_s` [s] and `segments` are those of a rehearsal on the chamber's model, `disk_bytes` what a run will need,
-    `findings` what is doubtful. Raises InputError where the station cannot run the profile.
+    `findings` what is doubtful, also of `limits` that the run is to be judged by. Raises InputError where the station
+    cannot run the profile.
     """
-    return commands.check(Path(profile), _path(station)).to_json()
+    return commands.check(Path(profile), _path(station), _path(limits)).to_json()
 
 
 def _path(file: str | Path | None) -> Path | None:

@@ -59,10 +59,11 @@ def run(profile: Path, station: Path | None, out: Path, quiet: bool, **options: 
 @click.command()
 @path_argument("profile")
 @station_option
+@path_option("--limits", help="Limits file (YAML) for the run: warns of a range that PROFILE does not reach.")
 @answers
-def check(profile: Path, station: Path | None) -> commands.Result:
+def check(profile: Path, station: Path | None, limits: Path | None) -> commands.Result:
     """Check PROFILE before anything moves: duration, segments, findings."""
-    return commands.check(profile, station)
+    return commands.check(profile, station, limits)
 
 
 @click.command()

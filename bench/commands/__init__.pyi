@@ -2,6 +2,7 @@
 # Measure
 from .acquisition import RunOptions as RunOptions
 from .acquisition import Task as Task
+from .acquisition import before_opening as before_opening
 from .acquisition import check as check
 from .acquisition import check_on as check_on
 from .acquisition import init as init

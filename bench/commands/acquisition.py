@@ -189,11 +189,12 @@ def _registered(out: Path, where: str | None) -> str:
     return deliver.instruments_yaml(tools)
 
 
-def check(profile_path: Path, station_path: Path | None) -> Checked:
+def check(profile_path: Path, station_path: Path | None, limits_path: Path | None = None) -> Checked:
     """`bench check`: everything about a profile that can be known before anything moves."""
     profile, station = acquisition.load_profile(profile_path), load_station(station_path)
+    limits = None if limits_path is None else analysis.load_limits(limits_path)
     refuse_wrong(station, profile)
-    return check_on(profile, station)
+    return check_on(profile, station, limits)
 
 
 def refuse_wrong(
@@ -203,12 +204,17 @@ def refuse_wrong(
 
     InputError with everything that is wrong with station and profile. `sent`: see `wire_findings`.
     """
-    about = () if profile is None else acquisition.check_profile(profile, station.limits())
-    acquisition.refuse_errors(
-        [*about, *acquisition.wire_findings(station, tuple(sent), () if profile is None else profile.guards)]
-    )
+    acquisition.refuse_errors(before_opening(station, profile, sent))
     acquisition.Notifier(station.notify)  # wrong recipients are told now, not when a run begins
     return Papers.of_station(station)
+
+
+def before_opening(
+    station: acquisition.StationSettings, profile: acquisition.Profile | None = None, sent: Iterable[str] = ()
+) -> list[acquisition.Finding]:
+    """What is known of station and profile before anything is opened; with an error nothing is. See `refuse_wrong`."""
+    wire = acquisition.wire_findings(station, tuple(sent), () if profile is None else profile.guards)
+    return [*(() if profile is None else acquisition.check_profile(profile, station.limits())), *wire]
 
 
 def check_on(
@@ -219,7 +225,7 @@ def check_on(
     duration_s, recording = segments[-1].to_s, acquisition.recording_of(station, shutil.disk_usage(Path.cwd()).free)
     guarded = acquisition.guards_told(station.standing_guards())
     about = acquisition.check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
-    findings = (*about, *acquisition.wire_findings(station), *_not_reached(profile, limits))
+    findings = (*about, *acquisition.wire_findings(station, (), profile.guards), *_not_reached(profile, limits))
     return Checked(profile, station, segments, findings, round(duration_s * recording.bytes_per_s))
 
 

@@ -202,6 +202,20 @@ def test_one_rate_is_warned_of():
     assert any("no minor loop" in text for text in found)
 
 
+def test_another_profile_under_the_name_of_a_shipped_one_is_warned_of():
+    shipped = next(path for path in SHIPPED if path.stem == "quick").read_text()
+
+    def found(text):
+        told = preflight.check_profile(profile.profile_from_text(text), CHAMBER)
+        return [(one.level, one.line) for one in told if "is taken by a shipped profile" in one.text]
+
+    for own in (shipped, f"# mine\n{shipped}", shipped.replace("name: quick", "name: mine")):
+        assert found(own) == []
+    assert found(f"# mine\n{shipped.replace('to_degc: 50', 'to_degc: 55')}") == [
+        ("warning", 2 + shipped.splitlines().index("name: quick"))
+    ]
+
+
 def test_targets_outside_the_station_are_errors_with_their_line():
     found = preflight.check_profile(load(RAMPS), preflight.Limits(20, 50, 5.0, 5.0))
     errors = [str(finding) for finding in found if finding.level == "error"]

@@ -130,6 +130,10 @@ SAMPLES = [
      "spline：intervals为'lots'，允许1至200的整数"),
     ("no frame lost; M1 lacks no effect that this run could show.", "uk",
      "жодного кадру не втрачено; моделі M1 не бракує жодного ефекту, який цей прогін міг показати."),
+    ("line 2: the name 'quick' is taken by a shipped profile of other content; histories and fleet would mix their runs; "
+     "give this one a name of its own", "uk",
+     "рядок 2: назву «quick» має профіль із комплекту з іншим змістом; історії й парк виробів змішали б їхні прогони; "
+     "дайте цьому власну назву"),
     ("like nothing that was ever said", "uk", None),
 ]  # fmt: skip
 

@@ -60,3 +60,36 @@ def test_who_may_not_change_a_file_reads_it_and_is_told_so(tmp_path, project, vi
         page.get_by_text("Only engineers may change it.").first.wait_for()
         assert page.locator(".papers form :is(input, select, button):enabled").count() == 0
         page.close()
+
+
+def test_what_is_filled_in_for_a_laboratory_is_not_lost_without_a_question(address, visitors):
+    page = visitors.come(address)
+    page.goto("/laboratory?station=bare")
+    who, question = page.get_by_label("Who signs"), page.get_by_role("dialog")
+    name = page.locator('[id="laboratory.name"]')
+    page.get_by_text("Nothing is filled in yet.").first.wait_for()
+    who.fill("O. Petrenko")
+    who.fill("")
+    page.get_by_role("link", name="Fleet").click()  # as it was: nothing is lost
+    page.wait_for_url("**/fleet")
+    page.goto("/laboratory?station=bare")
+    who.fill("O. Petrenko")
+    page.get_by_label("Serial number").fill("S-1")
+    for leave in (
+        page.get_by_role("link", name="Fleet").click,
+        lambda: page.locator("#station").select_option("simulated"),
+    ):
+        leave()
+        question.get_by_role("button", name="Keep editing").click()
+        question.wait_for(state="detached")
+        assert (who.input_value(), page.locator("#station").input_value()) == ("O. Petrenko", "bare")
+    name.fill("Gyro laboratory")
+    page.get_by_role("button", name="Save Laboratory").click()
+    page.get_by_text("Saved.").wait_for()
+    assert page.get_by_text("Nothing is filled in yet.").count() == 1
+    page.get_by_role("link", name="Fleet").click()  # the other form is not saved
+    question.wait_for()
+    question.get_by_role("button", name="Discard changes").click()
+    page.wait_for_url("**/fleet")
+    page.go_back()
+    assert who.input_value() == "O. Petrenko"

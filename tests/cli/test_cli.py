@@ -197,6 +197,20 @@ def test_check_predicts_every_segment_without_moving_anything(profile, tmp_path,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tiny.yaml"]
 
 
+def test_check_warns_of_limits_that_no_set_point_of_the_profile_meets(profile, tmp_path):
+    limits = tmp_path / "hot.yaml"
+    limits.write_text(
+        "name: hot\nlimits:\n  - {quantity: highest_temperature_degc, unit: degC, lower: 60, reason: it is hot}\n"
+    )
+    warned = bench("check", profile("30"), "--limits", limits)
+    assert (warned.exit_code, "the limits ask for 60 degC or more, the plan goes from" in warned.stdout) == (0, True)
+    assert "the limits ask" not in bench("check", profile("65"), "--limits", limits).stdout
+    limits.write_text(limits.read_text().replace("lower: 60", "lower: warm"))
+    wrong = bench("check", profile("30"), "--limits", limits)
+    assert (wrong.exit_code, wrong.stderr.count("\n")) == (2, 1)
+    assert wrong.stderr.startswith(f'bench: {limits}:3: limits[0].lower is "warm": must be a number')
+
+
 def test_init_gives_a_copy_once_and_never_overwrites_it(tmp_path):
     assert bench("init", tmp_path / "mine").exit_code == 0
     profile = tmp_path / "mine" / "profiles" / "quick.yaml"

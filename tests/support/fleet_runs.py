@@ -51,7 +51,20 @@ def station(
     walk: float = 0.01,
     **manifest: Any,
 ) -> Path:
-    """One run folder of a unit, `days` after the beginning."""
+    """One run folder of a unit with a calibration, `days` after the beginning."""
+    folder = uncalibrated(root, unit, where, days, **manifest)
+    content = {
+        "verdict": {"verdict": "adequate"},
+        "noise": {"floor_dph": floor, "coefficients": [{"name": "white", "value": walk, "determined": True}]},
+        "residual": {"rms_dph": residual * 0.9, "held_out": [{"by": "blocks", "rms_dph": residual}]},
+        "calibration": {"model": {"name": "spline"}, "coefficients": [], "parameters": [], "validity": {}},
+    }
+    keep(folder, "calibration.json", content)
+    return folder
+
+
+def uncalibrated(root: Path, unit: str, where: str, days: float, **manifest: Any) -> Path:
+    """One run folder of a unit that nobody analysed, `days` after the beginning."""
     created = BEGIN + timedelta(days=days)
     folder = root / unit / f"{created:%Y%m%dT%H%M%SZ}_ramp"
     folder.mkdir(parents=True)
@@ -66,13 +79,6 @@ def station(
             **manifest,
         }
     ).write(folder)
-    content = {
-        "verdict": {"verdict": "adequate"},
-        "noise": {"floor_dph": floor, "coefficients": [{"name": "white", "value": walk, "determined": True}]},
-        "residual": {"rms_dph": residual * 0.9, "held_out": [{"by": "blocks", "rms_dph": residual}]},
-        "calibration": {"model": {"name": "spline"}, "coefficients": [], "parameters": [], "validity": {}},
-    }
-    keep(folder, "calibration.json", content)
     return folder
 
 

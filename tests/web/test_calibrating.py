@@ -106,6 +106,21 @@ def test_the_check_of_a_calibration_refuses_what_its_start_would(settings):
         assert answer["state"] == "failed" or not answer["result"]["ok"]
 
 
+def test_the_check_of_a_calibration_refuses_an_error_of_the_wire(settings):
+    station = settings.project / "profiles" / "stations" / "cold.yaml"
+    text = (station.parent / "bare.yaml").read_text().replace("name: bare", "name: cold")
+    station.write_text(text.replace("lowest_degc: -42", "lowest_degc: -110"))
+    for kind, content in (("laboratory", LABORATORY), ("equipment", EQUIPMENT)):
+        file = station.parents[1] / kind / "station_cold.yaml"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(json.dumps(content))
+    with served(settings) as client:
+        asked = {"plan": "brief", "station": "cold", "unit": "GX-0815@BARE-1"}
+        job = client.post("/api/v1/calibrations/checks", json=asked).json()["job"]
+        found = client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"]
+    assert (found["ok"], "the map writes set points" in str(found["findings"])) == (False, True), found
+
+
 def test_calibrations_of_the_command_line_are_listed_too(settings):
     plan = settings.project / "profiles" / "plans" / "brief.yaml"
     station = settings.project / "profiles" / "stations" / "bare.yaml"

@@ -80,3 +80,21 @@ def test_a_station_that_cannot_be_read_is_not_saved(bench):
     assert client.put("/api/v1/files/profiles/new", json=profile).status_code == 400
     outside = client.put("/api/v1/files/stations/..%2fx", json={"text": "", "digest": ""})
     assert outside.status_code in {404, 422}
+
+
+def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
+    client, project = bench
+    opened = client.get("/api/v1/files/profiles/quick").json()
+    for same in (opened["text"], f"# mine\n{opened['text']}"):
+        assert done(client, "/api/v1/files/profiles/mine/checks", text=same)["ok"]
+    hotter = opened["text"].replace("to_degc: 50", "to_degc: 55", 1)
+    line = 1 + [words.startswith("name:") for words in hotter.splitlines()].index(True)
+    found = done(client, "/api/v1/files/profiles/quick/checks", text=hotter)
+    (wrong,) = [one for one in found["findings"] if "is taken by a shipped profile" in one["text"]]
+    assert (found["ok"], wrong["level"], wrong["line"], bool(found["curve"])) == (False, "error", line, True)
+    for name, digest in (("quick", opened["digest"]), ("mine", "")):
+        refused = client.put(f"/api/v1/files/profiles/{name}", json={"text": hotter, "digest": digest})
+        assert (refused.status_code, refused.json()["detail"]) == (400, f"line {line}: {wrong['text']}")
+        assert not (project / "profiles" / f"{name}.yaml").exists()
+    own = hotter.replace("name: quick", "name: quick_mine")
+    assert client.put("/api/v1/files/profiles/mine", json={"text": own, "digest": ""}).status_code == 200

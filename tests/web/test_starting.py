@@ -8,14 +8,18 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner
 
 from bench.acquisition import LiveFile, LiveRun
 from bench.acquisition.profile.profile import load_profile, profile_from_text
 from bench.base import config, library
 from bench.base.errors import InputError
+from bench.cli import main
 from bench.record.folder import open_run
+from bench.web.ground.problems import within
 from bench.web.ground.settings import Settings
 from bench.web.live.subject import describe
 from bench.web.people import people
@@ -201,6 +205,16 @@ def test_a_name_that_is_none_is_refused_before_anything_starts(settings, wanted,
         assert client.get("/api/v1/starts", headers=bearer["viewer"]).json() == {"starts": []}
 
 
+def test_paths_are_told_as_they_are_from_the_folders_of_the_bench(tmp_path):
+    project, out = tmp_path / "line", tmp_path / "data" / "reports"
+    told = [
+        (f"bench: {project}/profiles/hot.yaml:3: no", "bench: profiles/hot.yaml:3: no"),
+        (f"({out}/GX-1/run; '{library()}/stations/imu.yaml')", "(GX-1/run; 'profiles/stations/imu.yaml')"),
+        (f"/mnt{project}/a {tmp_path}/other", f"/mnt{project}/a {tmp_path}/other"),
+    ]
+    assert [within(project, text, out) for text, _ in told] == [short for _, short in told]
+
+
 def test_a_viewer_starts_nothing(settings):
     made, bearer = settings
     with served(made) as client:
@@ -221,6 +235,40 @@ def test_a_check_rehearses_elsewhere_and_says_all_that_is_wrong(settings):
     assert (good["ok"], good["units"], good["curve"][-1]) == (True, ["SIM-0001"], [2970.0, 23.0])
     assert good["duration_s"] > 2970.0
     assert (bad["ok"], bad["findings"][0]["level"], bad["findings"][0]["line"]) == (False, "error", 3)
+
+
+BLIND = "guards: [{name: blind, signal: humidity, above: 60, action: abort}]"
+"""A guard that could never trip."""
+BEYOND = "lowest_degc: -110"
+"""Colder than the chamber's register map writes."""
+
+
+@pytest.mark.parametrize("at", ["chamber", "guard", "plan", "recipients"])
+def test_what_the_start_would_refuse_is_no_good_check(settings, at):
+    made, bearer = settings
+    station, plan = (library() / "stations" / "simulated.yaml").read_text(), SHORT.replace("name: short", "name: blind")
+    station += {"guard": f"{BLIND}\n", "recipients": "notify: nowhere.yaml\n"}.get(at, "")
+    station = station.replace("lowest_degc: -42", BEYOND if at == "chamber" else "lowest_degc: -42")
+    (made.project / "profiles" / "stations" / "mine.yaml").write_text(station)
+    (made.project / "profiles" / "blind.yaml").write_text(plan + (f"{BLIND}\n" if at == "plan" else ""))
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        job = client.post("/api/v1/checks", json={"plan": "blind", "station": "mine"}).json()["job"]
+        found = until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])
+        refused = state_of(client, begin(client, "blind", station="mine"), "refused", "ended")
+    (error,) = [one["text"] for one in found["findings"] if one["level"] == "error"]
+    assert (found["ok"], refused["state"]) == (False, "refused")
+    assert error in refused["message"]
+    assert str(made.project) not in f"{found} {refused}", "nobody at a page needs the folder"
+
+
+def test_a_run_that_has_no_room_on_the_disk_is_no_good_check(settings, monkeypatch):
+    monkeypatch.setattr("bench.commands.acquisition.shutil.disk_usage", lambda _: SimpleNamespace(free=1))
+    files = {"plan": library() / "quick.yaml", "station": library() / "stations" / "simulated.yaml", "limits": None}
+    found = catalog.rehearsed({**files, "units": [], "project": settings[0].project})
+    assert (found["ok"], found["findings"][0]["level"]) == (False, "error")
+    answer = CliRunner().invoke(main, ["check", str(library() / "quick.yaml")])
+    assert (answer.exit_code, "are free" in answer.stdout) == (1, True)
 
 
 @pytest.mark.parametrize(
@@ -294,7 +342,7 @@ def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings
     assert [id_ for id_, plan in plans.items() if plan["proposed"]] == ["next-1"]
     assert plans["long"]["summary"] == "Longer than any test."
     assert plans["rates_quick"]["kind"] == "rate"
-    assert "broken.yaml:2: segments is 5: must be a list" in plans["broken"]["problem"]
+    assert plans["broken"]["problem"] == "profiles/broken.yaml:2: segments is 5: must be a list"
     assert stations["four_units"]["units"] == [f"SIM-000{n}" for n in (1, 2, 3, 4)]
     assert {"quick", "vibratory"} <= {one["id"] for one in limits}
 

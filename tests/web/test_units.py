@@ -15,7 +15,7 @@ from bench.record import DiagnosisRecord
 from bench.web.ground.problems import CountingError
 from bench.web.ground.settings import Settings
 from bench.web.shelf import stock
-from tests.support.fleet_runs import LIMITS, line, station
+from tests.support.fleet_runs import LIMITS, line, station, uncalibrated
 from tests.support.run_folders import keep
 from tests.support.unit_history import PDF, UNIT, unit_with_history
 from tests.support.web_client import served
@@ -323,6 +323,20 @@ def test_what_units_lack_is_told_of_the_units_of_the_other_figures(tmp_path):
             units = client.get(f"{API}/fleet", params=chosen).json()["units"]
             assert (chosen, sum(told["models"].values())) == (chosen, units)
             assert told["units"] == (3 if not chosen else units)
+
+
+def test_runs_without_a_calibration_do_not_choose_of_which_plan_it_is_told_what_units_lack(tmp_path):
+    diagnosed(station(tmp_path, "A-0", "S", 0.0, residual=0.1, simulated=True), "spline", ["creep"])
+    for number in range(3):
+        folder = uncalibrated(tmp_path, f"B-{number}", "S", number, profile="check", simulated=False)
+        diagnosed(folder, "polynomial", ["hysteresis"])
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        client.post(f"{API}/registry", json={}).raise_for_status()
+        shown = client.get(f"{API}/fleet").json()
+        assert (shown["units"], shown["plan"], shown["simulated"]) == (1, "ramp", True)
+        told = client.get(f"{API}/fleet/lacks").json()
+        assert (told["models"], told["lots"][0]["lot"]) == ({"spline": 1}, "A")
+        assert client.get(f"{API}/fleet/lacks", params={"lot": "B"}).json()["models"] == {"polynomial": 3}
 
 
 def test_what_units_lack_is_told_by_lot_of_the_model_that_most_were_diagnosed_with(tmp_path):

@@ -11,10 +11,12 @@ import pytest
 from bench.acquisition import IMPORTED
 from bench.analysis import catalogue as library_of_effects
 from bench.analysis.diagnosis.plan import ChamberLimits, plans
+from bench.base import language as terminal
 from bench.base import library
 from bench.commands import load_station
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.steps import STEP_NAMES
+from bench.record import Verdict
 from tests.support.page_modules import SOURCE, catalogue, told
 
 LANGUAGES = ("en", "uk", "zh")
@@ -188,6 +190,17 @@ def test_a_unit_is_passed_on_only_when_every_step_is_done() -> None:
         for form in forms(entry).values()
     ]
     assert not [text for text in words if "pass it on" in text]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_verdict_against_limits_has_one_word_everywhere(language: str) -> None:
+    """On the page, in the terminal, and in what the bench says."""
+    page = catalogue(language)
+    for verdict in Verdict:
+        said = terminal.told(verdict.value, language) or verdict.value
+        assert (page[f"verdict.{verdict.lower()}"], page[f"units.word.{verdict.lower()}"].upper()) == (said, said)
+        assert terminal.words(language)[f"verdict.{verdict}"] == said
+    assert page["units.word.invalid"] != page["units.word.unjudged"]
 
 
 def test_every_verdict_has_a_word_a_sentence_and_a_next_step() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from bench.acquisition.profile.legs import Leg
 from bench.acquisition.profile.orientation import OrientationSettings, latitude, stated
 from bench.acquisition.profile.placing import Reach, attitude_findings
-from bench.acquisition.profile.profile import Profile
+from bench.acquisition.profile.profile import Profile, taken_name
 from bench.base import FloatArray, InputError
 from bench.record import NOT_STATED, earth_told
 
@@ -97,6 +97,7 @@ def check_profile(
     """
     duration_s = plant_duration_s(profile) if plant_duration_s is not None else expected_duration_s(profile, limits)
     rules: tuple[Iterator[Finding], ...] = (
+        _named(profile),
         _outside(profile, limits),
         _too_fast(profile, limits),
         _turns(profile, limits),
@@ -150,6 +151,11 @@ def _once_a_line(legs: Sequence[Leg]) -> Iterator[Leg]:
         if leg.line is None or key not in seen:
             seen.add(key)
             yield leg
+
+
+def _named(profile: Profile) -> Iterator[Finding]:
+    if text := taken_name(profile):
+        yield Finding("warning", text, profile.file, profile.line)
 
 
 def _outside(profile: Profile, limits: Limits) -> Iterator[Finding]:

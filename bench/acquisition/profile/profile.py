@@ -18,9 +18,9 @@ from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.profile.legs import Leg, LegBuilder
 from bench.acquisition.profile.orientation import OrientationSettings
 from bench.acquisition.profile.segments import Name, Rates, Segment, SettleRule, Start
-from bench.base import STRICT, Document, FloatArray, load_config, parse_yaml, read_yaml
+from bench.base import STRICT, Document, FloatArray, library, load_config, parse_yaml, read_yaml
 
-__all__ = ["Profile", "SettleRule", "from_document", "load_profile", "profile_from_text"]
+__all__ = ["Profile", "SettleRule", "from_document", "load_profile", "profile_from_text", "taken_name"]
 
 
 class Until(BaseModel):
@@ -62,6 +62,7 @@ class Profile(BaseModel):
 
     _legs: tuple[Leg, ...] = PrivateAttr(())
     _file: str | None = PrivateAttr(None)
+    _line: int | None = PrivateAttr(None)
 
     @model_validator(mode="after")
     def _flatten(self) -> Profile:
@@ -76,6 +77,11 @@ class Profile(BaseModel):
     def file(self) -> str | None:
         """File that it was read from."""
         return self._file
+
+    @property
+    def line(self) -> int | None:
+        """Line of its name in that file."""
+        return self._line
 
     @property
     def duration_s(self) -> float:
@@ -113,6 +119,15 @@ def profile_from_text(text: str, file: str = "profile") -> Profile:
 def from_document(document: Document) -> Profile:
     """Profile from a parsed file; its legs know their lines."""
     profile = load_config(document, Profile)
-    profile._file = document.file
+    profile._file, profile._line = document.file, document.line(("name",))
     profile._legs = LegBuilder(profile, document.line).legs()
     return profile
+
+
+def taken_name(profile: Profile) -> str:
+    """What is wrong with the name of a shipped profile on another one; empty where the name is its own."""
+    shipped = {file.stem: file for file in library().glob("*.yaml")}.get(profile.name)
+    if shipped is None or load_profile(shipped).model_dump() == profile.model_dump():
+        return ""
+    text = f"the name '{profile.name}' is taken by a shipped profile of other content; histories and fleet would mix "
+    return f"{text}their runs; give this one a name of its own"

@@ -11,6 +11,7 @@ import numpy as np
 from bench.archive.fleet import figures
 from bench.archive.fleet.charts import Chart
 from bench.archive.fleet.page import GOOD_CPK
+from bench.archive.fleet.selection import profile_of
 from bench.archive.fleet.statistics import Measured, Statistics, to_csv
 from bench.archive.fleet.units import Calibrated
 
@@ -38,6 +39,7 @@ def overview(found: Statistics) -> Found:
         **content,
         "drifts": moved,
         "tested": len(found.drifts),
+        "plan": profile_of(newest.column("cause")[0], newest.column("profile")[0]).item(),
         "simulated": bool(newest.column("simulated")[0]),
         "lots": len({one.lot for one in newest}),
         "stations": len({one.station for one in newest}),

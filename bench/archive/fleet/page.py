@@ -51,7 +51,7 @@ def sentence(found: Statistics) -> str:
         parts.append(f"{bad} of {found.passes.judged} judged units are outside their limits")
     if unknown := found.passes.unjudged:
         why = f" (no unit has {listed(list(found.missing))})" if found.missing else ""
-        parts.append(f"{unknown} of {len(found.words)} units are not judged: their runs do not allow it{why}")
+        parts.append(f"{unknown} of {len(found.words)} units are not judged: their runs are INVALID{why}")
     for kind in ("station", "lot"):
         if places := found.drifted(kind):
             parts.append(f"{kind} {listed(places)} {_VERBS[kind][len(places) > 1]}")

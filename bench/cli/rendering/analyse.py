@@ -130,7 +130,7 @@ def _(result: FiguresDrawn) -> dict[str, Any]:
 def judged(judgement: Mapping[str, Any]) -> Iterator[str]:
     """Verdict against limits: every result that did not pass, and the number of those that did."""
     yield say("judged.head", verdict=verdict_word(judgement["verdict"]), name=judgement["name"])
-    yield from (f"  INVALID   {text}" for text in judgement["refusals"])
+    yield from (f"  {verdict_word('INVALID'):<9} {text}" for text in judgement["refusals"])
     results = judgement["results"]
     for one in results:
         if one["verdict"] not in {"PASS", None}:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from bench import deliver
-from bench.acquisition import load_profile
+from bench.acquisition import load_profile, refuse_errors
 from bench.analysis import Model, load_limits
 from bench.base import InputError
 from bench.commands import acquisition, analysis
@@ -96,7 +96,10 @@ def check_order(order: Order) -> list[str]:
     late: list[str] = []
     for name in order.profiles():
         judged = limits if name == plan.profile else None
-        checked = acquisition.check_on(load_profile(order.document(name)), station, judged)
+        profile = load_profile(order.document(name))
+        acquisition.refuse_wrong(station, profile)
+        checked = acquisition.check_on(profile, station, judged)
+        refuse_errors(checked.findings)
         late += [segment.name for segment in checked.late]
         warnings += [f"{Path(name).name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
     if late:

@@ -35,9 +35,14 @@ class Checked(Result):
         return tuple(segment for segment in self.segments if segment.outcome != "done")
 
     @property
+    def ok(self) -> bool:
+        """Nothing prevents the run."""
+        return not self.late and all(finding.level != "error" for finding in self.findings)
+
+    @property
     def exit_code(self) -> int:
-        """1 where a segment would fail."""
-        return int(bool(self.late))
+        """1 where something prevents the run."""
+        return int(not self.ok)
 
     def to_json(self) -> dict[str, Any]:
         """The object of `bench check --json`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,7 +15,8 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
-from bench.base import BenchError, EquipmentError, InputError, RunAborted
+from bench.base import BenchError, EquipmentError, InputError, RunAborted, library
+from bench.web.ground.settings import Settings
 from drivers.errors import ConfigError, DriverError, IdentityError, LimitError
 
 _log = logging.getLogger("bench.web")
@@ -69,19 +71,26 @@ def one_line(text: str) -> str:
     return "; ".join(line.strip() for line in text.splitlines() if line.strip())
 
 
-def within(project: Path, text: str) -> str:
-    """The text with paths below the project as they are from there: nobody at a page needs the server's folders."""
-    return text.replace(f"{project}/", "").replace(f"{project.resolve()}/", "")
+def within(project: Path, text: str, *folders: Path) -> str:
+    """The text with paths below the project and other `folders` as they are from there, shipped files in `profiles/`.
+
+    Nobody at a page needs the server's folders.
+    """
+    for folder, name in (*((one, "") for one in (project, *folders)), (library(), "profiles/")):
+        for place in {str(folder.absolute()), str(folder.resolve())}:
+            text = re.sub(rf"(?<![\w.-]){re.escape(place)}/", name, text)
+    return text
 
 
 def _problem_of(request: Request, status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
-    return problem(status, within(request.app.state.settings.project, detail), headers)
+    here: Settings = request.app.state.settings
+    return problem(status, within(here.project, detail, here.out), headers)
 
 
 M = TypeVar("M", bound=BaseModel)
 
 
-def row(make: Callable[[], M], bad: Callable[[str], M]) -> M:
+def row(project: Path, make: Callable[[], M], bad: Callable[[str], M]) -> M:
     """A row of a list that is made of a user's file: `make`, or `bad` with the reason where that fails.
 
     Whatever is wrong with one file, the other rows are answered.
@@ -91,7 +100,7 @@ def row(make: Callable[[], M], bad: Callable[[str], M]) -> M:
         json.dumps(made.model_dump(mode="json"), allow_nan=False, ensure_ascii=False).encode()
     except Exception as error:
         known = isinstance(error, (BenchError, DriverError, OSError))
-        text = one_line(str(error).encode(errors="replace").decode())
+        text = within(project, one_line(str(error).encode(errors="replace").decode()))
         return bad((text if known else f"cannot be read ({type(error).__name__}: {text})")[:_REASON])
     return made
 

@@ -108,7 +108,8 @@ def _response(request: Request, job: Job) -> Response:
     # The result is JSON already; parsing it here would block the server for all requests.
     state = job.state
     elapsed_s = job.elapsed_s if job.ended else jobs_of(request).age_s(job)
-    detail = within(request.app.state.settings.project, job.detail)
+    here = request.app.state.settings
+    detail = within(here.project, job.detail, here.out)
     head = {"job": job.id, "kind": job.kind, "state": state, "detail": detail, "elapsed_s": round(elapsed_s, 3)}
     result = job.result if state == "done" else b"null"
     return Response(json.dumps(head).encode()[:-1] + b', "result": ' + result + b"}", media_type="application/json")

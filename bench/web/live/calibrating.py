@@ -294,22 +294,22 @@ def _told(folder: Path, request: Request) -> Job:
     start = next(iter(known.get((record.unit, record.digest), ())), None)
     live = watcher_of(request).of_job(id_)
     facts = record.steps["certificate"].facts if "certificate" in record.steps else {}
-    printed, project = (folder / "certificate.pdf").is_file(), request.app.state.settings.project
+    printed, here = (folder / "certificate.pdf").is_file(), request.app.state.settings
     return Job(
         job=id_,
         unit=record.unit,
         plan=record.plan,
         state=_state(folder, record, start),
         verdict=record.verdict,
-        sentence=within(project, record.sentence),
+        sentence=within(here.project, record.sentence, here.out),
         exit_code=record.exit_code,
         created=record.created,
-        steps=[_step(name, record, folder, project) for name in STEP_NAMES],
+        steps=[_step(name, record, folder, here) for name in STEP_NAMES],
         live=None if live is None else live.runs[0],
         start=Start(**start) if start else None,
         certificate=str(facts["number"]) if printed and facts.get("number") else None,
         releases=[f"{entry.reason} ({entry.held})" for entry in record.releases],
-        together=_together(record, known, request.app.state.settings) if start else [],
+        together=_together(record, known, here) if start else [],
     )
 
 
@@ -327,7 +327,7 @@ def _together(record: JobRecord, known: _Known, here: Settings) -> list[Mate]:
             job=_id(folder),
             state=_state(folder, record, known[pair][0]),
             verdict=record.verdict,
-            sentence=record.sentence,
+            sentence=within(here.project, record.sentence, here.out),
             certificate=(folder / "certificate.pdf").is_file(),
             steps={name: _short(name, step) for name, step in record.steps.items()},
         )
@@ -360,7 +360,7 @@ def _short(name: str, step: StoredStep) -> str:
     return "skipped" if any(case.skipped and case.name == name for case in step.cases) else step.state
 
 
-def _step(name: str, record: JobRecord, folder: Path, project: Path) -> StepNow:
+def _step(name: str, record: JobRecord, folder: Path, here: Settings) -> StepNow:
     known = record.steps.get(name)
     if known is None:
         return StepNow(name=name, state="open")
@@ -370,7 +370,7 @@ def _step(name: str, record: JobRecord, folder: Path, project: Path) -> StepNow:
         state=known.state,
         began=known.began,
         ended=known.ended,
-        sentence=within(project, known.sentence),
+        sentence=within(here.project, known.sentence, here.out),
         verdict=known.verdict,
         cases=list(known.cases),
         facts=known.facts,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import MANIFEST, StartRecord
+from bench.web.ground.problems import within
 from bench.web.live.story import state_of
 
 EXIT = "exit_code"
@@ -18,15 +19,15 @@ LOCK = "lock"
 _SAID_BYTES = 1 << 20
 
 
-def outcome(folder: Path, about: StartRecord, alive: bool, out: Path) -> dict[str, Any]:
-    """State, exit code, verdict and message of a start."""
+def outcome(folder: Path, about: StartRecord, alive: bool, out: Path, project: Path) -> dict[str, Any]:
+    """State, exit code, verdict and message of a start; paths are those from the project and from `out`."""
     nothing: dict[str, Any] = {"exit_code": None, "verdict": None, "sentence": "", "message": "", "verdicts": []}
     if waits(folder, about):
         return {**nothing, "state": "waiting"}
     if alive:
         return {**nothing, "state": "running" if about.runs else "starting"}
     code = _exit_code(folder)
-    said = _said(folder)
+    said = within(project, _said(folder), out)
     content = _answer(folder)
     runs = _runs(content, out) or list(about.runs)
     if code is None:
@@ -39,8 +40,8 @@ def outcome(folder: Path, about: StartRecord, alive: bool, out: Path) -> dict[st
         "runs": runs,
         "exit_code": code,
         "verdict": content.get("verdict"),
-        "sentence": str(content.get("sentence", "")),
-        "message": str(content.get("error", "")) or ("" if content else said),
+        "sentence": within(project, str(content.get("sentence", "")), out),
+        "message": within(project, str(content.get("error", "")), out) or ("" if content else said),
         "verdicts": [state_of(unit) for unit in content.get("units", [content] if content else [])],
     }
 

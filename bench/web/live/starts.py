@@ -314,7 +314,7 @@ class Starts:
         if about is None:
             return {}
         alive = _alive(folder)  # before the files, so that nothing the process wrote is missed
-        told = {**_facts(about), **outcome(folder, about, alive, self._out)}
+        told = {**_facts(about), **outcome(folder, about, alive, self._out, self._project)}
         if told["state"] in {"ended", "refused"}:
             self._ended[folder.name] = told
         return told

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.acquisition import ANSWER_S, LiveRun, ask_run
-from bench.base import EquipmentError, InputError, process_alive
+from bench.base import BenchError, EquipmentError, InputError, process_alive
 from bench.record import LIVE
+from bench.web.ground.problems import within
 from bench.web.live import story
 from bench.web.live.finding import Finder, ids
 from bench.web.live.mirror import Mirror
@@ -69,11 +70,11 @@ class Watched:
         try:
             answer = self._answer()
         except InputError as error:  # another process uses its port now
-            self.condition, self.detail = "gone", _gone(self.live, str(error))
+            self.condition, self.detail = "gone", _gone(self.live, self._without_place(error))
         except EquipmentError as error:
             silent = isinstance(error.__cause__, TimeoutError)
             self.condition = "silent" if silent else "gone"
-            self.detail = str(error) if silent else _gone(self.live, "")
+            self.detail = self._without_place(error) if silent else _gone(self.live, "")
         else:
             if self.traced:
                 self.mirror.take(answer.pop("trace"))
@@ -84,6 +85,9 @@ class Watched:
                 self.condition = "silent"
                 self.detail = f"its loop has not ticked for {age_s:.0f} s: nothing here is newer; look at the chamber"
         self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
+
+    def _without_place(self, error: BenchError) -> str:
+        return within(self.live.folders[0].parents[1], str(error))
 
     def _answer(self) -> dict[str, Any]:
         """Picture and trace; only the picture from an older bench, which refuses to give a trace."""

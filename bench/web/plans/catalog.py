@@ -13,10 +13,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bench.acquisition import Finding, Profile, StationSettings, check_profile, load_profile, wire_findings
+from bench.acquisition import Finding, Notifier, Profile, StationSettings, load_profile, taken_name, wire_findings
 from bench.analysis import Limits, effect_names, load_limits, model_files
 from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
-from bench.commands import JobFile, Order, Papers, check_on, check_order, load_station, seated, station_file, station_of
+from bench.commands import (
+    JobFile,
+    Order,
+    Papers,
+    before_opening,
+    check_on,
+    check_order,
+    load_station,
+    seated,
+    station_file,
+    station_of,
+)
 from bench.commands import Plan as CalibrationPlan
 from bench.record import slug
 from bench.web.ground.problems import within
@@ -211,20 +222,21 @@ def _rehearsed(
     units = settings.chosen(serials)
     drawn = {"profile": profile.name, "station": settings.name, "curve": curve(profile)}
     drawn["units"] = [unit.serial for unit in units]
-    findings = [*check_profile(profile, settings.limits()), *_of_papers(settings, project)]
+    findings = [*before_opening(settings, profile), *_of_files(settings, project)]
     errors = [finding for finding in findings if finding.level == "error"]
     if errors:  # the page shows all of them, not the first line
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
     checked = check_on(profile, settings, limits)
-    return {**checked.to_json(), **drawn, "ok": not checked.late, "findings": _told(checked.findings)}
+    return {**checked.to_json(), **drawn, "ok": checked.ok, "findings": _told(checked.findings)}
 
 
-def _of_papers(settings: StationSettings, project: Path) -> Iterator[Finding]:
-    """What is wrong with the laboratory and equipment that a station names."""
-    try:
-        Papers.of_station(settings, project / "profiles")
-    except InputError as error:
-        yield from (Finding("error", text) for text in within(project, str(error)).splitlines())
+def _of_files(settings: StationSettings, project: Path) -> Iterator[Finding]:
+    """What is wrong with the recipients, the laboratory and the equipment that a station names."""
+    for read in (lambda: Notifier(settings.notify), lambda: Papers.of_station(settings, project / "profiles")):
+        try:
+            read()
+        except InputError as error:
+            yield from (Finding("error", text) for text in within(project, str(error)).splitlines())
 
 
 def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -257,16 +269,21 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """
     project = Path(wanted["project"])
     found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"], project)
+    if isinstance(found, Profile):
+        told = _rehearsed(found, station_file(Path(wanted["station"])), (), project)
+        others = [one for one in told["findings"] if one["text"] not in {error["text"] for error in errors}]
+        return {**told, "ok": told["ok"] and not errors, "findings": [*errors, *others]}
     if errors:
         return {"ok": False, "curve": [], "findings": errors}
-    if isinstance(found, Profile):
-        return _rehearsed(found, station_file(Path(wanted["station"])), (), project)
     findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
     return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
 
 
 def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[dict[str, Any]]]:
-    """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`."""
+    """What a text of this kind describes, and what is wrong with it; files that it names are beside `file`.
+
+    A profile under the name of a shipped one is described all the same.
+    """
     load: dict[str, Callable[[Document], Any]] = {
         "profiles": load_profile,
         "stations": station_of,
@@ -278,6 +295,8 @@ def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[di
             Papers.of_station(found, project / "profiles")
     except (BenchError, DriverError) as error:
         return None, _by_line(within(project, str(error)), within(project, file))
+    if isinstance(found, Profile) and (text := taken_name(found)):
+        return found, _told([Finding("error", text, found.file, found.line)])
     return found, []
 
 

@@ -10,7 +10,7 @@ from fastapi import APIRouter
 from pydantic import BaseModel
 
 from bench.web.ground.problems import row
-from bench.web.ground.settings import Here
+from bench.web.ground.settings import Here, Settings
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, Read
 
@@ -114,7 +114,7 @@ class LimitsListed(BaseModel):
 def limits(here: Here) -> LimitsListed:
     """All limits."""
     found = Catalog(here.project, here.own).limits()
-    return LimitsListed(limits=[_limits(id_, path) for id_, path in found.items()])
+    return LimitsListed(limits=[_limits(id_, path, here) for id_, path in found.items()])
 
 
 @router.get("/plans")
@@ -123,45 +123,48 @@ def plans(here: Here) -> Plans:
     known = Catalog(here.project, here.own)
     belonging = known.belonging()
     more = {id_: {"proposed": known.is_proposed(path), **belonging.get(id_, {})} for id_, path in known.plans().items()}
-    return Plans(plans=[_plan(id_, path, more[id_]) for id_, path in known.plans().items()])
+    return Plans(plans=[_plan(id_, path, more[id_], here) for id_, path in known.plans().items()])
 
 
 @router.get("/calibration-plans")
 def calibration_plans(here: Here) -> CalibrationPlans:
     """All plans of calibrations."""
     found = Catalog(here.project, here.own).calibrations()
-    return CalibrationPlans(plans=[_calibration(id_, path) for id_, path in found.items()])
+    return CalibrationPlans(plans=[_calibration(id_, path, here) for id_, path in found.items()])
 
 
 @router.get("/stations")
 def stations(here: Here) -> Stations:
     """All stations."""
     found = Catalog(here.project, here.own).stations()
-    return Stations(stations=[_station(id_, path) for id_, path in found.items()])
+    return Stations(stations=[_station(id_, path, here) for id_, path in found.items()])
 
 
-def _limits(id_: str, path: Path) -> LimitsInShort:
+def _limits(id_: str, path: Path, here: Settings) -> LimitsInShort:
     return row(
+        here.project,
         lambda: LimitsInShort(id=id_, **_read(path, catalog.limits)),
         lambda problem: LimitsInShort(id=id_, title=id_, problem=problem),
     )
 
 
-def _plan(id_: str, path: Path, belonging: Mapping[str, Any]) -> Plan:
+def _plan(id_: str, path: Path, belonging: Mapping[str, Any], here: Settings) -> Plan:
     return row(
+        here.project,
         lambda: Plan(id=id_, **_read(path, catalog.plan), **belonging),
         lambda problem: Plan(id=id_, name=id_, title=id_, problem=problem),
     )
 
 
-def _calibration(id_: str, path: Path) -> CalibrationPlan:
+def _calibration(id_: str, path: Path, here: Settings) -> CalibrationPlan:
     return row(
+        here.project,
         lambda: CalibrationPlan(id=id_, **catalog.calibration(path, _read)),
         lambda problem: CalibrationPlan(id=id_, title=id_, problem=problem),
     )
 
 
-def _station(id_: str, path: Path) -> StationInShort:
+def _station(id_: str, path: Path, here: Settings) -> StationInShort:
     def made() -> StationInShort:
         settings = _read(path, catalog.station)
         return StationInShort(
@@ -173,4 +176,4 @@ def _station(id_: str, path: Path) -> StationInShort:
             units=[unit.serial for unit in settings.units],
         )
 
-    return row(made, lambda problem: StationInShort(id=id_, title=id_, problem=problem))
+    return row(here.project, made, lambda problem: StationInShort(id=id_, title=id_, problem=problem))

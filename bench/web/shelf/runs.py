@@ -29,6 +29,8 @@ from bench.record import (
     verified_by,
 )
 from bench.web.ground.policy import REPORT
+from bench.web.ground.problems import within
+from bench.web.ground.settings import Here
 from bench.web.live import story
 from bench.web.shelf.indexing import Index, RunEntry, index_of, ordered
 from bench.web.shelf.steps import Steps, steps_of, whole_of
@@ -134,7 +136,7 @@ def runs(request: Request, asked: Annotated[RunQuery, Query()]) -> RunList:
 
 
 @router.get("/runs/{unit}/{run}")
-def run(request: Request, unit: str, run: str) -> RunAnswer:
+def run(request: Request, here: Here, unit: str, run: str) -> RunAnswer:
     """One run, whole; one that goes on or was cut off tells what it has so far."""
     index = index_of(request)
     entry, folder = index.entry(f"{unit}/{run}"), RunFolder(index.folder(unit, run))
@@ -159,7 +161,7 @@ def run(request: Request, unit: str, run: str) -> RunAnswer:
         segments=said.get("segments", []),
         losses=said.get("losses", {}),
         events=story.events(folder.path)[-_MOST_EVENTS:],
-        warnings=[*damaged, *(own.verdict.warnings if own else ())],
+        warnings=[*(within(here.project, text, here.out) for text in damaged), *(own.verdict.warnings if own else ())],
         limits=limits or (verified.judged.content() if verified else None),
         comparison=comparison,
         diagnosis=diagnosis,

@@ -12,7 +12,7 @@ from bench.analysis import FUNCTIONS, MODELS, Expression, catalogue, load_model,
 from bench.base import InputError, library
 from bench.record import channels_in, slug, write_atomically
 from bench.web.ground.problems import row
-from bench.web.ground.settings import Here
+from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import jobs_of
 from bench.web.people.access import Engineer
 from bench.web.plans.catalog import is_text
@@ -119,7 +119,7 @@ class FormulaAnswer(BaseModel):
 def models(request: Request, here: Here) -> KnownModels:
     """All models; also starts the computing processes, because a computation usually follows."""
     jobs_of(request).warm()
-    return KnownModels(models=[_known(path) for path in model_files(here.project).values() if is_text(path.stem)])
+    return KnownModels(models=[_known(path, here) for path in model_files(here.project).values() if is_text(path.stem)])
 
 
 @router.post("/models", status_code=201)
@@ -192,7 +192,7 @@ def _where(path: Path) -> Where:
     return "shipped" if path.parent.resolve() == (library() / "models").resolve() else "project"
 
 
-def _known(path: Path) -> KnownModel:
+def _known(path: Path, here: Settings) -> KnownModel:
     where = _where(path)
 
     def made() -> KnownModel:
@@ -202,4 +202,4 @@ def _known(path: Path) -> KnownModel:
             name=path.stem, where=where, effects=content["effects"], rows=content["rows"], yaml=model.to_yaml()
         )
 
-    return row(made, lambda problem: KnownModel(name=path.stem, where=where, problem=problem))
+    return row(here.project, made, lambda problem: KnownModel(name=path.stem, where=where, problem=problem))

@@ -1,16 +1,24 @@
 // Changes that are not saved: whoever leaves them is asked first.
 import { Dialog } from "./parts.js";
 import { html, useEffect, useRef } from "./preact.js";
-import { asked, hold } from "./router.js";
+import { asked, hold, leave } from "./router.js";
 import { useStore } from "./store.js";
 import { t } from "./words.js";
 
-/** The page has `changed`: it is not left without a question. */
+/** A form of the page has `changed`: the page is not left without a question. */
 export function useUnsaved(changed) {
+  const form = useRef(null);
   useEffect(() => {
-    hold(changed);
-    return () => hold(false);
+    hold(form, changed);
+    return () => hold(form, false);
   }, [changed]);
+}
+
+/** `take` what was chosen in place of `before`, when the person has agreed to lose changes. */
+export function choose(event, before, take) {
+  const next = event.target.value;
+  event.target.value = before;
+  leave(() => take(next));
 }
 
 /** The question; to stay has the focus, and Escape stays. */

@@ -14,22 +14,23 @@ export function navigate(address, { replace = false, state = null } = {}) {
   here.set(read(true));
 }
 
-/** Address of the page with changes that are not saved; empty without one. */
-let unsaved = "";
+/** Forms with changes that are not saved, and the address of each. */
+const unsaved = new Map();
 
 /** What goes on when the person agrees to lose changes; null where nothing is asked. */
 export const asked = store(null);
 
-/** Whether the page has changes that leaving it would lose. */
-export function hold(changed) {
-  unsaved = changed ? location.pathname + location.search : "";
+/** Whether a form has changes that leaving the page would lose. */
+export function hold(form, changed) {
+  if (changed) unsaved.set(form, location.pathname + location.search);
+  else unsaved.delete(form);
 }
 
 /** Do `go`, which leaves the page; with changes that are not saved only when the person agrees. */
 export function leave(go) {
-  if (!unsaved) return go();
+  if (!unsaved.size) return go();
   asked.set({ go() {
-    unsaved = "";
+    unsaved.clear();
     go();
   } });
   return undefined;
@@ -84,9 +85,9 @@ export function takeLinks() {
     leave(() => navigate(link.pathname + link.search));
   });
   addEventListener("popstate", () => {
-    if (!unsaved) return here.set(read(true));
-    history.pushState(null, "", unsaved);
+    if (!unsaved.size) return here.set(read(true));
+    history.pushState(null, "", [...unsaved.values()][0]);
     return leave(() => history.back());
   });
-  addEventListener("beforeunload", (event) => unsaved && event.preventDefault());
+  addEventListener("beforeunload", (event) => unsaved.size && event.preventDefault());
 }

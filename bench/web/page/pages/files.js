@@ -3,8 +3,8 @@ import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { compute, get, put, url } from "../lib/api.js";
 import { Curve } from "../lib/curve.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
-import { useUnsaved } from "../lib/leaving.js";
-import { leave, remember } from "../lib/router.js";
+import { choose, useUnsaved } from "../lib/leaving.js";
+import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { limitsName, planTitle, stationName } from "../lib/names.js";
 import { duration, t } from "../lib/words.js";
@@ -123,12 +123,6 @@ export default function Files({ query }) {
   const open = (next) => {
     setId(next);
     remember({ kind, id: next });
-  };
-  /** What was chosen is shown when the person has agreed to lose changes. */
-  const choose = (event, before, take) => {
-    const next = event.target.value;
-    event.target.value = before;
-    leave(() => take(next));
   };
   if (!data) return html`<div class="page">${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   return html`<div class="page stack"><h1>${t("files.title")}</h1><p class="soft">${t("files.what")}</p>

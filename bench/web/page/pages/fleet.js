@@ -141,7 +141,7 @@ const MOST_LOTS = 12;
 /** How many units of each lot lack which effect, as far as their newest runs were diagnosed with a model. */
 function Lacks({ params, cut }) {
   const [model, setModel] = useState("");
-  const { data, error, again } = useGet(`/fleet/lacks${query({ ...params, limits: "", model })}`);
+  const { data, error, again } = useGet(`/fleet/lacks${query({ ...params, model })}`);
   if (!data) return error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`;
   if (!data.units) return html`<p class="soft">${t("fleet.no_lacks")}${sign(" ")}<code>bench fleet diagnose --model NAME</code></p>`;
   const sum = (part, name, lots = data.lots) => lots.reduce((all, lot) => all + (lot[part][name] ?? 0), 0);
@@ -175,7 +175,7 @@ function Board({ fleet, params }) {
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
-    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${{ ...params, simulated: fleet.simulated ?? params.simulated }} cut=${fleet.choices.cut} /></section>
+    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} cut=${fleet.choices.cut} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }

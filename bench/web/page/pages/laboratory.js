@@ -2,6 +2,7 @@
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, put, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { choose, useUnsaved } from "../lib/leaving.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { stationName } from "../lib/names.js";
@@ -52,7 +53,7 @@ export default function Laboratory({ query }) {
   if (!stations) return html`<div class="page">${seen.error ? html`<${Trouble} error=${seen.error} />` : html`<${Busy} />`}</div>`;
   return html`<div class="page stack papers"><h1>${t("papers.title")}</h1><p class="soft">${t("papers.what")}</p>
     <div class="field"><label for="station">${t("papers.station")}</label>
-      <select id="station" value=${chosen} onChange=${(event) => setStation(event.target.value)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen} title=${title}>${stationName(title)}</option>`)}</select></div>
+      <select id="station" value=${chosen} onChange=${(event) => choose(event, chosen, setStation)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen} title=${title}>${stationName(title)}</option>`)}</select></div>
     ${may("operator") && chosen && html`<${Doctor} key=${`doctor ${chosen}`} station=${chosen} />`}
     <${Trouble} error=${seen.error} />
     ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />
@@ -75,14 +76,21 @@ function Doctor({ station }) {
   </section>`;
 }
 
-function Form({ kind, station, paper, empty, Fields }) {
-  const [content, setContent] = useState(paper.content ?? empty);
-  const [state, setState] = useState(/** @type {{saved?: string, error?: any, busy?: boolean}} */ ({}));
+/** What is filled in, a line each: an empty field, or group, is none. */
+const filled = (value, path = "") => (typeof value !== "object" || value === null ? (value === "" ? [] : [`${path} ${value}`])
+  : Object.keys(value).sort().flatMap((key) => filled(value[key], `${path}.${key}`)));
+
+function Form({ kind, station, paper: opened, empty, Fields }) {
+  const [paper, setPaper] = useState({ ...opened, content: opened.content ?? empty });
+  const [content, setContent] = useState(paper.content);
+  const [state, setState] = useState(/** @type {{saved?: boolean, error?: any, busy?: boolean}} */ ({}));
+  useUnsaved(filled(content).join("\n") !== filled(paper.content).join("\n"));
   const save = async (event) => {
     event.preventDefault();
     setState({ busy: true });
     try {
-      setState({ saved: (await put(url`/stations/${station}/papers/${kind}`, { content })).file });
+      setPaper({ ...await put(url`/stations/${station}/papers/${kind}`, { content }), content });
+      setState({ saved: true });
     } catch (error) {
       setState({ error });
     }
@@ -92,7 +100,7 @@ function Form({ kind, station, paper, empty, Fields }) {
     setState({});
   };
   return html`<form class="panel stack" aria-labelledby=${kind} onSubmit=${save}><h2 id=${kind}>${t(`papers.${kind}`)}</h2>
-    <p class="small soft">${paper.content || paper.problem ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
+    <p class="small soft">${paper.file ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
     <${Trouble} error=${paper.problem || null} />
     <fieldset class="all" disabled=${!may("engineer")}><${Fields} content=${content} change=${change} /></fieldset>
     <${Trouble} error=${state.error} />
