@@ -23,7 +23,7 @@ WHOLE = (
     "web/jobs/workers.py", "web/live/starting.py", "web/people/access.py", "web/imports/imports.py",
     "acquisition/importer/doubts.py", "acquisition/importer/header.py", "acquisition/importer/loggers.py",
     "acquisition/importer/tables.py", "acquisition/importer/text.py", "acquisition/importer/values.py",
-    "acquisition/station/doctor.py", "analysis/diagnosis/experiment.py",
+    "acquisition/station/doctor.py", "acquisition/station/wires.py", "analysis/diagnosis/experiment.py",
 )  # fmt: skip
 """Modules below `bench/` whose every sentence a page shows."""
 
@@ -130,8 +130,8 @@ SAMPLES = [
      "spline：intervals为'lots'，允许1至200的整数"),
     ("no frame lost; M1 lacks no effect that this run could show.", "uk",
      "жодного кадру не втрачено; моделі M1 не бракує жодного ефекту, який цей прогін міг показати."),
-    ("line 2: the name 'quick' is taken by a shipped profile of other content; histories and fleet would mix their runs; "
-     "give this one a name of its own", "uk",
+    ("line 2: the name 'quick' is taken by a shipped profile of other content; histories and fleet would mix their "
+     "runs; give this one a name of its own", "uk",
      "рядок 2: назву «quick» має профіль із комплекту з іншим змістом; історії й парк виробів змішали б їхні прогони; "
      "дайте цьому власну назву"),
     ("like nothing that was ever said", "uk", None),

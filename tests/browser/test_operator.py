@@ -6,6 +6,7 @@ import re
 import pytest
 
 from bench.web.people import people
+from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.servers import site_over
 from tests.support.visiting import DESKTOP, PATIENCE_MS, PHONE, PICTURES, TABLET, picture
@@ -430,3 +431,16 @@ def test_a_serial_number_that_no_unit_can_have_is_refused_before_anything_is_cho
     page.keyboard.press("Enter")
     page.get_by_text("at most 64 characters").wait_for()
     assert page.get_by_role("button", name="Slot of").count() == 0
+
+
+def test_start_says_why_it_cannot(tmp_path, visitors):
+    project = bench_project.made(tmp_path / "project")
+    bare = project / "profiles" / "stations" / "bare.yaml"
+    bare.write_text(bare.read_text().replace("lowest_degc: -42", "lowest_degc: -110"))
+    with site_over(tmp_path / "out", project=project) as site:
+        page = visitors.come(site.address)
+        page.goto("/start?unit=BARE-1&station=bare&plan=short")
+        page.get_by_role("heading", name="Ready to start?").wait_for()
+        page.get_by_text("The run cannot be started: chamber.lowest_degc is -110").wait_for()
+        assert page.locator("button.giant").is_disabled()
+        page.close()

@@ -15,7 +15,7 @@ export { live, traces } from "./lib/live.js"; // what the page knows, for tests 
 const PAGES = {
   calibrations: () => import("./pages/calibrations.js"),
   files: () => import("./pages/files.js"),
-  fleet: () => import("./pages/fleet.js"),
+  fleet: async () => (await Promise.all([import("./pages/fleet.js"), speakOfAll()]))[0],
   import: () => import("./pages/import.js"),
   laboratory: () => import("./pages/laboratory.js"),
   live: () => import("./pages/live.js"),

@@ -39,7 +39,7 @@ export async function speak(name) {
   language.set(next);
 }
 
-/** Fetch the words of the workbench, too. */
+/** Fetch the words of the workbench and the fleet, too. */
 export function speakOfAll() {
   all = true;
   return speak();
