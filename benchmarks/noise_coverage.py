@@ -107,9 +107,10 @@ def recorded(
         )
     rate, scatter = made(noise, rng, rows, filter_s)
     variances = {} if filter_s else {"rate": scatter}
+    channels = {"rate": rate + tail, "temperature": temperature}
     return Dataset(
-        "simulated", np.arange(rows, dtype=np.float64) + 0.5, {"rate": rate + tail, "temperature": temperature}, segment,
-        tuple(segments), counts={"rate": np.full(rows, float(SAMPLES_HZ))}, variances=variances,
+        "simulated", np.arange(rows, dtype=np.float64) + 0.5, channels, segment, tuple(segments),
+        counts={"rate": np.full(rows, float(SAMPLES_HZ))}, variances=variances,
     )  # fmt: skip
 
 
