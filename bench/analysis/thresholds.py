@@ -28,8 +28,6 @@ ON_BOUND = 1e-3
 # What a diagnosis needs
 TIE = 6.0
 """Candidates within this evidence of the best are not told apart by the data."""
-SIZED = 2.0
-"""Standard deviations: the data know a size that is larger."""
 WRONGLY_NAMED = 0.015
 """Share of simulated runs in which chance may name an effect; of real clean runs it is to be below 2 %."""
 FURTHER_EVIDENCE = 10.0

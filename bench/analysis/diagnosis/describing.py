@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
 
 import numpy as np
 
@@ -21,8 +20,9 @@ from bench.analysis.diagnosis.ranges import UNCATALOGUED
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
-from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, SIZED, TIE
+from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.probability import sized
+from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
 from bench.base import Aside, FloatArray
 from bench.record import Dataset
 
@@ -234,13 +234,32 @@ class Describer:
         return tuple(listed)
 
     def _told(self, layout: Layout, terms: list[_Ranked]) -> list[_Ranked]:
-        """The terms that the others do not make needless: one of whose amplitudes is beyond its uncertainty."""
-        if len(terms) > 1:
-            sizes = iter(self._sized(layout, terms)[0])
-            own = [list(islice(sizes, len(term.one.amplitudes))) for term in terms]
-            kept = [t for t, sized in zip(terms, own, strict=True) if any(abs(v) > SIZED * s for _, v, s, _ in sized)]
-            return terms if len(kept) == len(terms) else self._told(layout, kept or terms[:1])
+        """The terms that the others do not make needless: whose size is beyond chance beside them, as they are.
+
+        They are left out one at a time: of two that resemble each other neither has a size beside the other.
+        """
+        while len(terms) > 1:
+            fit, own, _ = self._joint(layout, terms)
+            worth = [sized(fit.beta[rows], fit.covariance[np.ix_(rows, rows)]) for rows in own]
+            least = int(np.argmin(worth))
+            if worth[least] > 1.0:
+                break
+            terms = [*terms[:least], *terms[least + 1 :]]
         return terms
+
+    def _joint(self, layout: Layout, terms: Sequence[_Ranked]) -> tuple[Gls, list[list[int]], Layout]:
+        """The fit of all terms at the parameters of each, the coefficients of each term, and the layout with them."""
+        parts = [term.one for term in terms]
+        _, effect, theta = together(parts)
+        after, known = layout.adding(effect, theta), [name for name, _ in effect.amplitudes]
+        end = after.rows.bind(after.theta, trial=True)[1].shape[1]
+        columns = np.column_stack([layout.problem.base, after.problem.base[:, end - len(known) : end]])
+        first = columns.shape[1] - len(known)
+        own = [
+            [first + known.index(entry[0]) for entry in part.amplitude_entries(name)]
+            for part, name in zip(parts, AMPLITUDES, strict=False)
+        ]
+        return gls(columns, layout.problem.y, self.lattice.at([parts[-1].point])[0][0]), own, after
 
     def _sized(
         self, layout: Layout, terms: Sequence[_Ranked]
@@ -253,16 +272,17 @@ class Describer:
         entries = [entry for part, name in pairs for entry in part.amplitude_entries(name)]
         if len(parts) == 1:
             return entries, parts[0].contribution
-        _, effect, theta = together(parts)
-        after, known = layout.adding(effect, theta), [name for name, _ in effect.amplitudes]
-        end = after.rows.bind(after.theta, trial=True)[1].shape[1]
-        own, way = slice(end - len(known), end), self.lattice.at([parts[-1].point])[0][0]
-        base, y = after.problem.base, layout.problem.y  # with the slopes along the parameters behind the columns
-        values = gls(np.column_stack([layout.problem.base, base[:, own]]), y, way).beta[-len(known) :]
-        deviations = np.sqrt(np.diag(gls(base, y, way).covariance)[own])
-        order = [known.index(name) for name, _, _, _ in entries]
-        sized = [(e[0], float(values[i]), float(deviations[i]), e[3]) for e, i in zip(entries, order, strict=True)]
-        return sized, base[:, own] @ values
+        fit, own, after = self._joint(layout, terms)
+        order, first = [row for rows in own for row in rows], layout.problem.base.shape[1]
+        way = self.lattice.at([parts[-1].point])[0][0]
+        # With the slopes along the parameters behind the columns.
+        at = after.rows.bind(after.theta, trial=True)[1].shape[1] - len(fit.beta)
+        deviations = np.sqrt(np.diag(gls(after.problem.base, layout.problem.y, way).covariance))
+        sizes = [
+            (e[0], float(fit.beta[i]), float(deviations[at + i]), e[3]) for e, i in zip(entries, order, strict=True)
+        ]
+        end = at + len(fit.beta)
+        return sizes, after.problem.base[:, at + first : end] @ fit.beta[first:]
 
     def _described(
         self, layout: Layout, terms: Sequence[_Ranked], equivalent: tuple[str, ...], beside: tuple[str, ...]

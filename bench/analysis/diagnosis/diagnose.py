@@ -288,7 +288,8 @@ class _Case:
             if one.proof.falls is not False
             or (one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS)
         )
-        return kept, bool(kept) and found.replaces and kept[0] is found.formulas[0]
+        ordered = tuple(sorted(kept, key=lambda one: one.proof.falls is False))
+        return ordered, bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
         seen = explained.before.places if explained.steps else explained.before.alarms

@@ -24,8 +24,9 @@ from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, joint
 from bench.analysis.diagnosis.refine import Interval, Refiner, Start
 from bench.analysis.diagnosis.scan import DEPENDENT, Library
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.probability import sized
 from bench.analysis.noise.whitening import Ratios, Whitener
-from bench.analysis.thresholds import SIZED, TIE, WRONGLY_NAMED
+from bench.analysis.thresholds import TIE, WRONGLY_NAMED
 from bench.base import Aside, FloatArray, shared
 
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
@@ -81,16 +82,20 @@ class Suspect:
         return self._fit.beta[self._first :]
 
     @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the amplitudes (k, k), the uncertainty of the parameters included."""
+        own = slice(self._first, None)
+        return self.refiner.covariance(self.candidate, self.theta, self._fit.beta, self.point)[own, own]
+
+    @property
     def deviations(self) -> FloatArray:
-        """Standard deviations (k,) of the amplitudes, the uncertainty of the parameters included."""
-        size = len(self._fit.beta)
-        return self.refiner.deviations(self.candidate, self.theta, self._fit.beta, self.point)[self._first : size]
+        """Standard deviations (k,) of the amplitudes."""
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def sized(self) -> bool:
-        """Whether the data know the size of one of its terms, or of its parameters where it moves the abscissa."""
-        known = np.abs(self.amplitudes) > SIZED * self.deviations
-        return bool(known.any()) or self.candidate.kind == "abscissa"
+        """Whether the data know the size of its terms, or of its parameters where it moves the abscissa."""
+        return self.candidate.kind == "abscissa" or sized(self.amplitudes, self.covariance) > 1.0
 
     @property
     def contribution(self) -> FloatArray:

@@ -212,9 +212,10 @@ class FormulaSearch:
         contribution = columns @ own
         beside = self._refiner.at(point)
         white = outside(beside.basis, way.apply(contribution))
-        deviations = self._refiner.deviations(candidate, theta, fit.beta, point)[base.shape[1] :][: columns.shape[1]]
+        size = slice(base.shape[1], None)
+        covariance = self._refiner.covariance(candidate, theta, fit.beta, point)[size, size]
         gains = np.cumsum(beside.residual**2 - fit.residual**2) / sigma2
-        return FoundFormula(formula, theta, evidence, point, own, deviations, contribution, white, gains)
+        return FoundFormula(formula, theta, evidence, point, own, covariance, contribution, white, gains)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula with a block or a parameter more, and again, while that pays; of its size `tried` were tried."""

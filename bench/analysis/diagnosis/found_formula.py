@@ -12,7 +12,7 @@ from bench.analysis.diagnosis.blocks import Formula
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.expression import Expression
 from bench.analysis.noise.likelihood import Point
-from bench.analysis.thresholds import SIZED
+from bench.analysis.noise.probability import sized
 from bench.base import FloatArray
 
 
@@ -28,7 +28,8 @@ class FoundFormula:
     evidence: float
     point: Point
     amplitudes: FloatArray
-    deviations: FloatArray
+    covariance: FloatArray
+    """Of the amplitudes (k, k)."""
     contribution: FloatArray
     white: FloatArray
     gains: FloatArray
@@ -51,8 +52,8 @@ class FoundFormula:
 
     @property
     def sized(self) -> bool:
-        """Whether the data know the size of one of its terms."""
-        return bool(np.any(np.abs(self.amplitudes) > SIZED * self.deviations))
+        """Whether the data know its size."""
+        return sized(self.amplitudes, self.covariance) > 1.0
 
     @property
     def period_s(self) -> float:
@@ -65,7 +66,8 @@ class FoundFormula:
 
     def amplitude_entries(self, amplitude: str = "k") -> list[tuple[str, float, float, str]]:
         """Name, value, standard deviation and unit of each amplitude."""
-        rows = zip(self.formula.amplitudes, self.amplitudes.tolist(), self.deviations.tolist(), strict=True)
+        deviations = np.sqrt(np.diag(self.covariance))
+        rows = zip(self.formula.amplitudes, self.amplitudes.tolist(), deviations.tolist(), strict=True)
         return [(f"{amplitude}{end}", value, std, unit) for (end, unit), value, std in rows]
 
     def halves(self) -> FloatArray:

@@ -244,8 +244,8 @@ class Refiner:
             by_name[parameter.name] = Interval(theta[number], low, high, parameter.unit)
         return by_name
 
-    def deviations(self, candidate: Candidate, theta: Theta, beta: FloatArray, point: Point) -> FloatArray:
-        """Standard deviations of the linear coefficients, the parameters being fitted too (linearised)."""
+    def covariance(self, candidate: Candidate, theta: Theta, beta: FloatArray, point: Point) -> FloatArray:
+        """Covariance of the linear coefficients, the parameters being fitted too (linearised)."""
         columns = joint(self.problem, candidate, theta)
         slopes = []
         best = _unit(candidate, theta)
@@ -255,7 +255,7 @@ class Refiner:
             slopes.append((high - low) / (ends[1] - ends[0]))
         way = self.lattice.at([point])[0][0]
         fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
-        return np.sqrt(np.diag(fit.covariance))
+        return fit.covariance[: columns.shape[1], : columns.shape[1]]
 
 
 def _downhill(function: Callable[[float], float], at: float, step: float) -> tuple[FloatArray, float]:
