@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from bench.analysis.diagnosis.decision import explains
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
@@ -14,6 +15,7 @@ from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
+from bench.analysis.noise.probability import sized
 from bench.record.dataset import Dataset
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
@@ -150,3 +152,18 @@ def test_what_the_check_run_alone_shows_is_said_to_be_of_that_run():
     assert answer.sentence.startswith("The check run shows what this run does not")
     together = diagnose([run, check], SPLINE, static=still, candidates=wanted)
     assert "hysteresis" in {suspect.effect for suspect in together.found}
+
+
+def test_the_size_of_a_sine_is_known_where_its_phase_is_not():
+    """A period that is a little off turns the phase at the origin far away, and neither amplitude has a size alone."""
+    along, across = np.array([0.6, 0.8]), np.array([-0.8, 0.6])
+    covariance = 0.01**2 * np.outer(along, along) + 5.0**2 * np.outer(across, across)
+    values = 0.2 * along
+    assert np.all(np.abs(values) < 2.0 * np.sqrt(np.diag(covariance)))
+    assert sized(values, covariance) > 1.0
+    assert sized(np.array([79324.0]), np.array([[641612.0**2]])) < 1.0
+    for size in (1, 2, 3):
+        root = np.random.default_rng(size).normal(size=(size, size))
+        draws = np.random.default_rng(9).normal(size=(4000, size)) @ root.T
+        wrongly = np.mean([sized(draw, root @ root.T) > 1.0 for draw in draws])
+        assert wrongly == pytest.approx(2.0 * norm.sf(2.0), abs=0.01)
