@@ -51,8 +51,8 @@ KEYS = {
     "status --out OUT": "runs",
     "compare RUN --model polynomial": COMPARE,
     "compare RUN --model polynomial --every-sample": f"{COMPARE} samples seconds",
-    "noise RUN": """runs angle_random_walk bias_instability rate_random_walk quantisation rate_ramp floor_dph
-        floor_interval_dph stretches allan""",
+    "noise RUN": """runs angle_random_walk bias_instability rate_random_walk quantisation rate_ramp correlation_s
+        floor_dph floor_interval_dph floor_duration_s stretches allan""",
     "report RUN --model polynomial": REPORT,
     "diagnose RUN --model polynomial": f"{DIAGNOSE} registry",
     "add aging --model spline --out OUT/m.yaml": "model effects",

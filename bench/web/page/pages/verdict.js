@@ -94,7 +94,7 @@ function useJudged(unit) {
     if (!run) return;
     const [serial, folder] = run.split("/");
     get(url`/runs/${serial}/${folder}`).then((answer) => setSeen({ run, answer }), () => setSeen({}));
-  }, [run]);
+  }, [run, unit?.analysed]); // values are there before the report is written
   return seen.run === run ? seen.answer : null;
 }
 
