@@ -176,9 +176,9 @@ def lacks(
     if not stock.exists:
         return FleetLacks()
     selection = chosen.selection()
-    with suppress(NoUnitError):  # where none is calibrated, nothing else is shown
+    with suppress(NoUnitError):  # where none is calibrated, nothing else is shown; what was kept before may lack a key
         shown = _counted(stock, here, chosen).part(OVERVIEW)
-        selection = replace(selection, profile=shown["plan"], simulated=shown["simulated"])
+        selection = replace(selection, profile=shown.get("plan"), simulated=shown.get("simulated"))
 
     def ask(registry: Registry) -> dict[str, Any]:
         found = known_lacks(registry, selection, model, part=chosen.q)
