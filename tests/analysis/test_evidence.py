@@ -159,6 +159,21 @@ def test_parameters_come_with_intervals_that_hold_the_truth():
     assert_allclose(hysteresis.amplitudes, 0.05, atol=3.0 * hysteresis.deviations[0])
 
 
+def test_the_size_beside_a_parameter_on_its_bound_is_that_at_the_bound():
+    """A gap to a lag of 20 s is as good as a slope without any: size and time constant cannot be told apart."""
+    tau = Parameter("tau_s", "s", 20.0, 2000.0, 200.0, log=True)
+
+    def gap(tau_s):
+        return (TEMPERATURE - ramp_invariant_lag(TIME, TEMPERATURE, tau_s))[:, None]
+
+    data, point = problem("temperature_rate"), [Candidate("gap", lambda th: gap(th[0]), parameters=(tau,))]
+    (searched,) = weigh(data, point, nulls=0, lattice=LATTICE).suspects
+    (fixed,) = weigh(data, [Candidate("gap", lambda _: gap(20.0))], nulls=0, lattice=LATTICE).suspects
+    assert tau.on_bound(searched.theta[0])
+    assert_allclose(searched.deviations, fixed.deviations, rtol=0.05)
+    assert searched.sized
+
+
 def test_evidence_is_the_gain_in_likelihood_less_the_price_of_parameters():
     """Against dense algebra at the noise that the engine found: amplitudes integrated out, by determinants."""
     data = problem("supply_voltage")

@@ -245,11 +245,15 @@ class Refiner:
         return by_name
 
     def covariance(self, candidate: Candidate, theta: Theta, beta: FloatArray, point: Point) -> FloatArray:
-        """Covariance of the linear coefficients, the parameters being fitted too (linearised)."""
+        """Covariance of the linear coefficients, the parameters being fitted too (linearised).
+
+        A parameter on an end of its range is not determined, and is stated so: the sizes are those at that value.
+        """
         columns = joint(self.problem, candidate, theta)
         slopes = []
         best = _unit(candidate, theta)
-        for index in range(0 if candidate.change_point else len(best)):
+        inside = [not p.on_bound(value) for p, value in zip(candidate.parameters, theta, strict=True)]
+        for index in [] if candidate.change_point else np.flatnonzero(inside):
             ends = np.clip(best[index] + np.array([-_DIFFERENCE, _DIFFERENCE]), 0.0, 1.0)
             low, high = (joint(self.problem, candidate, _theta(candidate, _moved(best, index, e))) @ beta for e in ends)
             slopes.append((high - low) / (ends[1] - ends[0]))
