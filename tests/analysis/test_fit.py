@@ -335,6 +335,22 @@ def test_a_parameter_that_ends_on_its_bound_is_said_to_be_not_determined():
     assert fast.to_json()["parameters"][0]["at_bound"] is True
     assert slow.to_json()["parameters"][0]["at_bound"] is False
     assert "warming.tau_s = 60 is on its bound: not determined" in fast.warnings
+    assert np.isnan(fast.theta_std["warming.tau_s"])
+    assert fast.to_json()["parameters"][0]["std"] is None
+
+
+def test_the_size_beside_a_parameter_on_its_bound_is_that_at_the_bound():
+    class Fixed(Warming):
+        parameters = ()
+
+        def columns(self, record, theta):
+            return super().columns(record, {"tau_s": 60.0})
+
+    record, curve = thermal_cycle(), effects.make("polynomial")
+    data = with_bias(record, 40.0 * np.exp(-record.time / 20.0) + white(record, 0.2, 0))
+    searched, fixed = (fit_model(Model("m", (curve, effect())), data) for effect in (Warming, Fixed))
+    assert searched.on_bound == ("warming.tau_s",)
+    np.testing.assert_allclose(searched.predict(record).std, fixed.predict(record).std, rtol=0.01)
 
 
 def test_memory_sees_the_whole_record_and_rows_are_masked_afterwards():

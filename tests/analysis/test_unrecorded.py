@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import norm
 
 from bench.analysis.diagnosis.decision import explains
-from bench.analysis.diagnosis.diagnose import _Case, diagnose
+from bench.analysis.diagnosis.diagnose import _Case, diagnose, proved_first
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
@@ -130,6 +130,14 @@ def test_a_formula_that_check_runs_bear_by_their_evidence_is_told_unless_their_e
     unknown, improved = SimpleNamespace(word="unknown_effect", steps=()), SimpleNamespace(shape_dph=0.2, rms_dph=0.2)
     kept, replaces = _Case._formulas(case, unknown, improved, describer, proved=False)
     assert (kept == (formula,), replaces) == (told, told)
+
+
+@pytest.mark.parametrize(("borne", "first"), [(66.0, "best"), (49.0, "proved")])
+def test_a_formula_that_is_proved_leads_unless_check_runs_speak_more_for_the_best(borne, first):
+    """The errors are the same; the noise of the check run decides which of the two changes is beyond chance."""
+    best = SimpleNamespace(name="best", proof=Proof("check", 0.143, 0.129, 1.7), borne=borne)
+    proved = SimpleNamespace(name="proved", proof=Proof("check", 0.143, 0.129, 2.2), borne=49.0)
+    assert [one.name for one in proved_first((best, proved))] == [first, ({"best", "proved"} - {first}).pop()]
 
 
 def test_what_the_check_run_alone_shows_is_said_to_be_of_that_run():

@@ -40,7 +40,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, LEAST_DIAGNOSED_ROWS, PROVED_DEVIATIONS
+from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, LEAST_DIAGNOSED_ROWS, PROVED_DEVIATIONS, TIE
 from bench.base import FloatArray, InputError, listed, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
@@ -288,8 +288,7 @@ class _Case:
             if one.proof.falls is not False
             or (one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS)
         )
-        ordered = tuple(sorted(kept, key=lambda one: one.proof.falls is False))
-        return ordered, bool(kept) and found.replaces and kept[0] is found.formulas[0]
+        return proved_first(kept), bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
         seen = explained.before.places if explained.steps else explained.before.alarms
@@ -332,6 +331,12 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
+
+
+def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormula, ...]:
+    """The same, with the first that unseen data bear in front, unless the check runs speak more for the best one."""
+    borne = [one for one in formulas if one.proof.falls is not False and one.borne > formulas[0].borne - TIE]
+    return (*borne[:1], *(one for one in formulas if one not in borne[:1]))
 
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:

@@ -134,6 +134,11 @@ class FitRows:
             slopes.append((high - low) / (ends[1] - ends[0]))
         return slopes
 
+    def inside(self, values: FloatArray) -> BoolArray:
+        """Which of the parameters (m,) at these values are not on an end of their range."""
+        pairs = zip(self.parameters, values.tolist(), strict=True)
+        return np.array([not parameter.on_bound(value) for parameter, value in pairs], dtype=bool)
+
     @cached_property
     def _selected(self) -> list[Dataset]:
         """The rows to fit of each record, where nothing moves its temperature."""

@@ -95,7 +95,7 @@ class Fit:
 
     @property
     def theta_std(self) -> dict[str, float]:
-        """Standard deviation of each nonlinear parameter."""
+        """Standard deviation of each nonlinear parameter, NaN of one on an end of its range."""
         std = np.sqrt(np.diag(self.covariance))[self.beta.size :]
         return dict(zip(self.theta, std.tolist(), strict=True))
 
@@ -212,14 +212,18 @@ class _Solver:
         return jacobian_of(self.rows, self.bound, self.columns, beta)
 
     def fit(self, beta: FloatArray, covariance: FloatArray | None = None, noise: Noise | None = None) -> Fit:
-        """The fit with these coefficients."""
+        """The fit with these coefficients, and the covariance of them and of the parameters inside their ranges."""
         rows, size = self.rows, beta.size + self.theta.size
+        known = np.flatnonzero(np.concatenate([np.ones(beta.size, dtype=bool), rows.inside(self.theta)]))
+        every = np.full((size, size), np.nan)
+        if covariance is not None:
+            every[np.ix_(known, known)] = covariance
         residual = rows.y - self.columns @ beta
         return Fit(
             model=rows.model,
             bound=self.bound,
             beta=beta,
-            covariance=np.full((size, size), np.nan) if covariance is None else covariance,
+            covariance=every,
             noise=noise,
             rms_dph=float(np.sqrt(np.average(residual**2, weights=rows.weights))),
             condition=self.solution.condition,

@@ -36,9 +36,13 @@ def counted_covariance(
 
 
 def jacobian_of(rows: FitRows, bound: Bound, columns: FloatArray, beta: FloatArray) -> FloatArray:
-    """Columns (rows, q) of the amplitudes, then the derivative of the model by each nonlinear parameter."""
+    """Columns (rows, q) of the amplitudes, then the derivative of the model by each parameter inside its range.
+
+    One on an end of its range is not determined, and is stated so: what goes with it are the amplitudes at that value.
+    """
     values = np.array([value for own in bound.theta.values() for value in own.values()])
-    return np.column_stack([columns, *rows.slopes(values, partial(_model, rows, bound, beta))])
+    slopes = rows.slopes(values, partial(_model, rows, bound, beta))
+    return np.column_stack([columns, *(slope for slope, own in zip(slopes, rows.inside(values), strict=True) if own)])
 
 
 def _model(rows: FitRows, bound: Bound, beta: FloatArray, values: FloatArray) -> FloatArray:
