@@ -31,7 +31,8 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     yield diagnosis.sentence
     yield ""
     inside, outside, floor = map(number, (diagnosis.rms_dph, diagnosis.held_out_rms_dph, diagnosis.floor_dph))
-    yield f"in-sample {inside}, held-out {outside} ({diagnosis.held_out_by}), noise floor {floor} deg/h RMS"
+    errors = f"in-sample {inside}, held-out {outside} ({diagnosis.held_out_by}), rows weighted by their samples"
+    yield f"{errors}; noise floor {floor} deg/h RMS"
     yield ""
     yield from _where(diagnosis)
     yield from _suspects(diagnosis)
