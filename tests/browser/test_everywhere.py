@@ -90,12 +90,11 @@ def going(bench):
     return run
 
 
-@pytest.fixture
-def names(bench, runs):
-    """Names in the addresses; what a test started is ended after it."""
+@pytest.fixture(scope="module")
+def names(runs):
+    """Names in the addresses; a live run, once it is there, is that of all tests."""
     mystery, ended, lot = (f"{run.parent.name}/{run.name}" for run in runs[1:])
-    yield {"slow": SLOW_UNIT, "mystery": mystery, "ended": ended, "lot": lot, "unit": UNIT}
-    bench.end_runs()
+    return {"slow": SLOW_UNIT, "mystery": mystery, "ended": ended, "lot": lot, "unit": UNIT}
 
 
 def go(page, place, names, bench):

@@ -83,7 +83,10 @@ def test_a_profile_that_cannot_run(page, request):
 
 
 def test_the_check_before_a_run_and_before_a_calibration(page):
-    for address in (f"unit={SLOW_UNIT}&station=unhurried&plan={LONG}", "unit=BARE-1&station=bare&calibration=brief"):
+    for address in (
+        f"unit={SLOW_UNIT}&station=unhurried&plan=ramp_-40_85",
+        "unit=BARE-1&station=bare&calibration=brief",
+    ):
         page.goto(f"/start?{address}")
         page.locator(".checked").wait_for()
         page.evaluate(OPEN)

@@ -22,6 +22,18 @@ segments:
   - {kind: ramp, to_degc: 10, rate_degc_per_min: 1.5}
   - {kind: ramp, to_degc: 25, rate_degc_per_min: 2}
 """
+HOURS = """
+name: hours
+description: Its first ramp begins after a minute; then it goes on for hours of bench time.
+start: {temperature_degc: 23}
+settle: {band_degc: 2, unit_band_degc: 5, slope_degc_per_min: 20, dwell_min: 0.1}
+segments:
+  - {kind: ramp, to_degc: -30, rate_degc_per_min: 0.5}
+  - {kind: ramp, to_degc: 85, rate_degc_per_min: 1}
+  - {kind: soak, duration_min: 15}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 1}
+  - {kind: soak, duration_min: 300}
+"""
 LIMITS = """
 name: short
 description: What the short plan can tell.
@@ -93,13 +105,14 @@ units:
   - {serial: GX-0007, bus: can0, number: 0, identity: 7}
 """
 """Its frames go over the bus one by one: hours of bench time take minutes, so that there is time to do something."""
-LONG, SLOW_UNIT = "ramp_-40_85", "GX-0007"
+LONG, SLOW_UNIT = "hours", "GX-0007"
 
 
 def made(root):
     """The project folder `root`."""
     files = {
         "short.yaml": SHORT,
+        "hours.yaml": HOURS,
         "limits/short.yaml": LIMITS,
         "stations/unhurried.yaml": UNHURRIED,
         "brief.yaml": BRIEF,
