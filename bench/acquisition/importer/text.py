@@ -245,7 +245,7 @@ def _is_empty(column: pa.ChunkedArray) -> bool:
 
 def _wrong_width(found: int, width: int, delimiter: str, last: bool, place: InputError) -> InputError:
     """What to say of a line that has not as many fields as the header."""
-    text = f"has {found} fields, the header {width}"
+    text = f"has {found} field{'' if found == 1 else 's'}, the header {width}"
     if last and found < width:
         text += ": the file is truncated; delete that line or export it again"
     elif delimiter == "," and found == 2 * width:

@@ -24,6 +24,9 @@ from bench.commands import (
 if TYPE_CHECKING:
     from rich.table import Table
 
+_SURE = 1e-9
+"""Below this a probability rests on tails that no noise is known to have."""
+
 
 @lines.register(Diagnosed)
 def _(result: Diagnosed) -> Iterator[str | Table]:
@@ -89,7 +92,8 @@ def _where(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
         rows = []
         for p in diagnosis.where:
             ratio = f"{p.floor_ratio:.2f} x floor" if isfinite(p.floor_ratio) else f"{p.rms_dph:.4g} deg/h RMS"
-            rows.append((p.channel, f"{' to '.join(ends(p.low, p.high))} {p.unit}", f"{ratio}, p = {p.p:.1e}", p.note))
+            odds = f"p = {p.p:.1e}" if p.p >= _SURE else f"p < {_SURE:g}"
+            rows.append((p.channel, f"{' to '.join(ends(p.low, p.high))} {p.unit}", f"{ratio}, {odds}", p.note))
         yield table(("", "", "", ""), rows, indent=2)
         yield ""
 
