@@ -52,6 +52,14 @@ def test_products_that_make_up_for_a_coarse_grid_do_not_hide_the_plain_formula()
 
 
 @pytest.mark.slow
+def test_what_depends_on_the_temperature_of_a_part_inside_is_told_by_a_place_in_one_that_lags():
+    """Rubber that is stiff in the cold; refined, a place in another temperature gains most, though not on the grid."""
+    found = outside.run_trial(outside.Trial("softened_mount", 3.0, 1))
+    assert re.search(r"\(1 - tanh\(\(lag\(temperature, (2[5-9]|3[0-4])\d(\.\d)?\)", found["formula"]), found
+    assert found["share"] > 0.9, found
+
+
+@pytest.mark.slow
 def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_run_bears_it():
     (run, check, _, still), _ = outside._unit(outside.Trial("stress_that_relaxes", 1.0, 1))
     assert diagnose([run], MODEL, static=still).formulas == ()

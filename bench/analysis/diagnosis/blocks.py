@@ -22,7 +22,7 @@ Bounds = tuple[float, float]
 class Block:
     """A factor of a formula: its text with `{name}` for each parameter, their bounds and the grid that is tried.
 
-    `unit` is the unit of its value, `words` says what it is.
+    Bounds are in the order in which the text has the parameters. `unit` is that of its value, `words` says what it is.
     """
 
     text: str
@@ -40,7 +40,7 @@ class Block:
     """Size that it reaches about 0, where it may also have limits, a dead zone or play."""
 
     def variants(self, length_s: float, switched: Sequence[str] = ()) -> list[Block]:
-        """The block with one parameter more, which comes last in its text; `length_s` is that of the longest run.
+        """The block with one parameter more; `length_s` is that of the longest run.
 
         A time constant may change with channels that are `switched`.
         """
@@ -144,6 +144,11 @@ class Formula:
         """Bounds of its parameters by their names."""
         pairs = (bounds for block in self.blocks for _, bounds in block.bounds)
         return dict(zip(self.names, pairs, strict=True))
+
+    @property
+    def jagged(self) -> bool:
+        """Whether its value jumps, so that its likelihood jumps with each row that a parameter passes."""
+        return any(word in block.text for block in self.blocks for word in ("sawtooth(", "latch("))
 
     @cached_property
     def places(self) -> int:

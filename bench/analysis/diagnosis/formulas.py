@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
-from bench.analysis.diagnosis.candidates import Candidate, Theta, outside
+from bench.analysis.diagnosis.candidates import Candidate, Theta, from_unit, outside, to_unit
 from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
@@ -39,6 +39,8 @@ _LOOKED_AT = 1000  # best entries of the grid
 _SHARING = 3  # leaders that may have the same block
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
+_ABOUT = 400  # parameters tried about those of a formula that jumps,
+_NEARER = (-3.0, -0.8)  # … by powers of ten of their ranges
 _PEAKS = 6  # of the periodogram
 _JUMPS = 4  # of each direction
 _MOST_STEPS = 1000  # that are tried in one run
@@ -201,6 +203,13 @@ class FormulaSearch:
 
     def _refined(self, formula: Formula, candidate: Candidate, grid: Sequence[Start], price: float) -> FoundFormula:
         theta, point, reached = self._refiner.refine(candidate, grid, self._best)
+        if formula.jagged:
+            near = replace(candidate, tried=self._about(formula, theta))
+            scan = Library(self._layout.problem, [near]).scan(
+                self._lattice, [point], self._layout.problem.y[:, None], self._still()
+            )
+            again = self._refiner.refine(near, scan.starts(0, [point]), self._best)
+            theta, point, reached = min((theta, point, reached), again, key=lambda found: found[2])
         columns, base = self.columns(formula, theta), self._layout.problem.base
         paid = candidate.paid(base.shape[1], columns.shape[1])
         log_n = float(np.log(len(self._layout.problem.y)))
@@ -216,6 +225,16 @@ class FormulaSearch:
         covariance = self._refiner.covariance(candidate, theta, fit.beta, point)[size, size]
         gains = np.cumsum(beside.residual**2 - fit.residual**2) / sigma2
         return FoundFormula(formula, theta, evidence, point, own, covariance, contribution, white, gains)
+
+    @staticmethod
+    def _about(formula: Formula, theta: Theta) -> tuple[Theta, ...]:
+        """Parameters about these, nearer and farther: where rows jump, a slope leads to the next jump only."""
+        rng, ends = np.random.default_rng(0), formula.parameters
+        unit = np.array([to_unit(p, value) for p, value in zip(ends, theta, strict=True)])
+        moved = rng.standard_normal((_ABOUT, len(ends))) * 10.0 ** rng.uniform(*_NEARER, (_ABOUT, 1))
+        tried = np.clip(unit + moved, 0.0, 1.0)
+        values = [from_unit(p, own).tolist() for p, own in zip(ends, tried.T, strict=True)]
+        return (theta, *zip(*values, strict=True))
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula with a block or a parameter more, and again, while that pays; of its size `tried` were tried."""
@@ -243,9 +262,13 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still())
         price = self._price(tried)
         rough = self._surface.height(self._best) - scan.values[:, 0] - library.paid(candidates) - price
+        formulas, size = [formula for formula, _ in longer], len(one.formula.blocks)
+        # Refinement gives most to a block that became another one: no parameter of its own was refined for that.
+        became = np.array([each.parameters != one.formula.parameters and len(each.blocks) == size for each in formulas])
+        likely = int(scan.which[np.argmax(np.where(became[scan.which], rough, -np.inf))])
         found = [
-            self._refined(longer[index][0], candidates[index], scan.starts(index, points), price)
-            for index in self._leaders(rough, scan, [formula for formula, _ in longer])[:_BRANCHES]
+            self._refined(formulas[index], candidates[index], scan.starts(index, points), price)
+            for index in dict.fromkeys((*self._leaders(rough, scan, formulas)[:_BRANCHES], likely))
             if rough[scan.which == index].max() > one.evidence - _NEAR
         ]
         return sorted(found, key=lambda each: -each.evidence)

@@ -16,7 +16,7 @@ import numpy as np
 from bench.analysis.diagnosis.blocks import Block, Formula, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.diagnosis.ranges import Ranges, inner
-from bench.analysis.diagnosis.states import latch, states
+from bench.analysis.diagnosis.states import hops, latch, states
 from bench.base import BoolArray
 from bench.record import Dataset
 
@@ -68,6 +68,8 @@ class Grammar:
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """A formula with one block or parameter more, and the parameters to try: those of other blocks stay."""
         have = {block.text for block in formula.blocks}
+        if formula.pair:
+            yield from self._hopping(formula, values)
         if not formula.pair and formula.degree < _MOST_DEGREE:
             along = formula.along or self._centred("temperature")
             yield replace(formula, degree=formula.degree + 1, along=along), (values,)
@@ -84,8 +86,20 @@ class Grammar:
             for variant in block.variants(self.ranges.length_s, self.ranges.switched):
                 blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
                 # Its own parameters may have stood for the one that it lacked: they are tried anew, too.
-                own = dict.fromkeys((*((*values[first:end], one[-1]) for one in variant.grid), *variant.grid))
+                new = next(i for i, bound in enumerate(variant.bounds) if bound not in block.bounds)
+                kept = ((*values[first : first + new], one[new], *values[first + new : end]) for one in variant.grid)
+                own = dict.fromkeys((*kept, *variant.grid))
                 yield replace(formula, blocks=blocks), tuple((*values[:first], *one, *values[end:]) for one in own)
+
+    def _hopping(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
+        """What a sine over temperature is the first harmonic of: a growth that jumps back at every period."""
+        sine, *others = formula.blocks
+        for late, plain in zip(hops(self.ranges), ("sin(2*pi*temperature/", "sin(2*pi*lag(temperature,"), strict=True):
+            if sine.text.startswith(plain):
+                *tau, period = values[: len(sine.bounds)]
+                low, rest = self.ranges.temperature[0], values[len(sine.bounds) :]
+                tried = tuple((*tau, low + share * period, period, *rest) for share in np.arange(0.0, 1.0, 0.0625))
+                yield Formula((late, *others)), tried
 
     def beside(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """What may stand beside a formula: what it would become with a block more, its square, overtones of a sine."""
@@ -113,7 +127,7 @@ class Grammar:
         for name in self.ranges.apart:
             gap, most = self._gap(name), self.ranges.widest(name)
             memory = lagged(gap.text, gap.words, "degC", self.ranges.length_s, every=2)
-            blocks += [replace(gap, most=most), replace(memory, most=most)]
+            blocks += [replace(gap, most=most), replace(memory, most=most), *self._covers(name)]
         if self.ranges.gap:
             blocks += self._chamber()
         for name in self.ranges.moved:
@@ -127,6 +141,19 @@ class Grammar:
     def _gap(name: str) -> Block:
         what = "air" if name == "chamber_temperature" else name
         return Block(f"({name} - temperature)", f"the gap between {what} and unit", "degC")
+
+    def _covers(self, name: str) -> list[Block]:
+        """The gaps of a part that follows the air, or another thermometer, to what it follows and to the unit."""
+        what = "the air" if name == "chamber_temperature" else name
+        part, words = f"lag({name}, {{tau_s}})", f"a part that follows {what}"
+        bounds, tried = (
+            (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),),
+            lags(self.ranges.length_s / 4.0, 2),
+        )
+        return [
+            Block(f"({name} - {part})", f"the gap between {what} and {words}", "degC", bounds, tried),
+            Block(f"({part} - temperature)", f"the gap between {words} and the unit", "degC", bounds, tried),
+        ]
 
     def _chamber(self) -> list[Block]:
         """What the chamber's heater and its cooling give, which no channel records: the heat balance of the air.
@@ -239,6 +266,14 @@ class Grammar:
         grid = tuple((0.5 * (up + down), 0.5 * (up - down)) for up in heated for down in cooled if up > down)
         return [Formula((replace(latch(self.ranges), grid=grid),))] if grid else []
 
+    def _placed(self, block: Block) -> Block:
+        """A place in temperature; or in that of a part inside the unit, which lags."""
+        late = block.text.replace("temperature", "lag(temperature, {tau_s})")
+        ends = ("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0)))
+        tried = tuple((tau_s, *one) for one in block.grid for tau_s in _INNER_S[1::2])
+        looser = replace(block, text=late, words=f"{block.words} that lags", bounds=(ends, *block.bounds), grid=tried)
+        return replace(block, looser=looser)
+
     def modifiers(self) -> list[Block]:
         """What may scale a driver: temperature, windows and steps in it, every channel, the direction, time."""
         low, high = self.ranges.temperature
@@ -247,15 +282,15 @@ class Grammar:
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
         inner, lagging = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),), ((300.0,), (900.0,), (2700.0,))
+        places = (
+            ("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", window),
+            ("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", window[2:-2:2]),
+            ("(1 - tanh((temperature - {centre})/{width}))", "a step down over temperature", window[2:-2:2]),
+        )
         blocks = [
             self._centred("temperature"),
             Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2"),
-            Block("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", "", bounds, window,
-                  places=1),
-            Block("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", "", bounds, window[2:-2:2],
-                  places=1),
-            Block("(1 - tanh((temperature - {centre})/{width}))", "a step down over temperature", "", bounds,
-                  window[2:-2:2], places=1),
+            *(self._placed(Block(text, words, "", bounds, tried, places=1)) for text, words, tried in places),
             Block(f"lag((temperature - {middle:.4g}), {{tau_s}})", "a temperature that lags", "degC", inner, lagging,
                   looser=Block("(lag(temperature, {tau_s}) - {centre})", "a temperature that lags, from a value",
                                "degC", (*inner, ("centre", (low - span, high + span))),

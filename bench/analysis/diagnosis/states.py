@@ -37,7 +37,7 @@ def states(ranges: Ranges) -> list[Block]:
         *_relaxing(ranges),
         _turned(ranges, "temperature", "temperature"),
         *_fading(ranges),
-        *_hops(ranges),
+        *hops(ranges),
         _yielding(ranges),
     ]
     if ranges.gap:
@@ -120,7 +120,7 @@ def _fading(ranges: Ranges) -> list[Block]:
     ]  # fmt: skip
 
 
-def _hops(ranges: Ranges) -> list[Block]:
+def hops(ranges: Ranges) -> list[Block]:
     """What grows with the temperature, or one that lags, and jumps back at every so many degrees."""
     low, high = ranges.temperature
     span = high - low
