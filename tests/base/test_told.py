@@ -132,8 +132,10 @@ SAMPLES = [
      "жодного кадру не втрачено; моделі M1 не бракує жодного ефекту, який цей прогін міг показати."),
     ("line 2: the name 'quick' is taken by a shipped profile of other content; histories and fleet would mix their "
      "runs; give this one a name of its own", "uk",
-     "рядок 2: назву «quick» має профіль із комплекту з іншим змістом; історії й парк виробів змішали б їхні прогони; "
-     "дайте цьому власну назву"),
+     "рядок 2: назву «quick» має профіль із комплекту з іншим змістом; історії й парк виробів змішали б їхні "
+     "прогони; дайте цьому власну назву"),
+    ("chamber.lowest_degc is -110: the map writes set points from -100 to 250 degC; correct one of them", "uk",
+     "chamber.lowest_degc = −110: карта регістрів записує уставки від −100 до 250 °C; виправте одне з них"),
     ("like nothing that was ever said", "uk", None),
 ]  # fmt: skip
 
