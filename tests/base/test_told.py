@@ -136,6 +136,11 @@ SAMPLES = [
      "прогони; дайте цьому власну назву"),
     ("chamber.lowest_degc is -110: the map writes set points from -100 to 250 degC; correct one of them", "uk",
      "chamber.lowest_degc = −110: карта регістрів записує уставки від −100 до 250 °C; виправте одне з них"),
+    ("plans/quick.yaml: no certificate: no equipment; give a file with every instrument that the results are traced "
+     "to in the plan or the station file (`equipment:`), or fill in the page 'Laboratory and equipment'; a plan with "
+     "`certificate: false` calibrates without one", "uk",
+     "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
+     "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
     ("like nothing that was ever said", "uk", None),
 ]  # fmt: skip
 

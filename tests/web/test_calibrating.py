@@ -71,6 +71,7 @@ def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_ab
         checked = client.post("/api/v1/calibrations/checks", json=asked).json()["job"]
         checked = client.get(f"/api/v1/jobs/{checked}?wait_s=20").json()
         assert "no laboratory and no signatory" in str(checked["result"]["findings"])
+        assert "or fill in the page 'Laboratory and equipment'; a plan with" in str(checked["result"]["findings"])
         assert str(settings.project) not in json.dumps([stopped, checked]), "nobody at a page needs the folder"
         for kind, content in (("laboratory", LABORATORY), ("equipment", EQUIPMENT)):
             answer = client.put(f"/api/v1/stations/bare/papers/{kind}", json={"content": content})
