@@ -92,6 +92,8 @@ def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
     if saved.digest != ("" if existing is None else _digest(read_text(existing))):
         raise HTTPException(409, f"{kind}/{id} has changed since it was opened: copy your text, and open it again")
     path = _place(kind, here) / f"{id}.yaml"
+    if existing is None and path.exists():
+        raise HTTPException(409, f"{kind}/{id} is a file of another kind: take another name")
     _, errors = loaded(kind, saved.text, str(path), here.project)
     if errors:
         told = (f"line {one['line']}: {one['text']}" if one["line"] else one["text"] for one in errors)
