@@ -135,4 +135,13 @@ def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
         assert (refused.status_code, refused.json()["detail"]) == (400, f"line {line}: {wrong['text']}")
         assert not (project / "profiles" / f"{name}.yaml").exists()
     own = hotter.replace("name: quick", "name: quick_mine")
-    assert client.put("/api/v1/files/profiles/mine", json={"text": own, "digest": ""}).status_code == 200
+    saved = client.put("/api/v1/files/profiles/mine", json={"text": own, "digest": ""})
+    assert saved.status_code == 200
+    other = own.replace("to_degc: 55", "to_degc: 45", 1)
+    found = done(client, "/api/v1/files/profiles/copied/checks", text=other)
+    (wrong,) = [one for one in found["findings"] if "is taken by mine.yaml of other content" in one["text"]]
+    assert (found["ok"], wrong["level"], wrong["line"]) == (False, "error", line)
+    refused = client.put("/api/v1/files/profiles/copied", json={"text": other, "digest": ""})
+    assert (refused.status_code, refused.json()["detail"]) == (400, f"line {line}: {wrong['text']}")
+    again = {"text": other, "digest": saved.json()["digest"]}
+    assert client.put("/api/v1/files/profiles/mine", json=again).status_code == 200
