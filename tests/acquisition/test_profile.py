@@ -1,10 +1,9 @@
 """Profiles: legs in order, a continuous set point, and everything that is wrong said with its line."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-
-import re
 
 import numpy as np
 import pytest
