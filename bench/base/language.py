@@ -49,8 +49,8 @@ def _catalogue() -> Mapping[str, Any]:
     """`words/told.json`: its sentences, and the rules by which a text is found among them.
 
     A place `{name}` of a sentence ends where the sentence does; `rules.places` has the pattern of each name that takes
-    another text. `rules.joints` is where a text of several sentences is cut, in this order, with what joins it in each
-    language.
+    another text; what stands at those of `rules.kept` stays as it is. `rules.joints` is where a text of several
+    sentences is cut, in this order, with what joins it in each language.
     """
     found: dict[str, Any] = json.loads((files("bench.base") / "words" / "told.json").read_text(encoding="utf-8"))
     return found
@@ -93,7 +93,8 @@ def _told(text: str, column: int) -> str | None:
         return bare + str(_catalogue()["rules"]["stop"][column])
     for pattern, own in _patterns():
         if match := pattern.fullmatch(text):
-            values = {name: _told(value, column) or value for name, value in match.groupdict().items()}
+            kept, given = _catalogue()["rules"]["kept"], match.groupdict()
+            values = {name: (name not in kept and _told(value, column)) or value for name, value in given.items()}
             return own[column].format(**values)
     rules = _catalogue()["rules"]
     for joint, *own in rules["joints"]:

@@ -141,6 +141,7 @@ SAMPLES = [
      "`certificate: false` calibrates without one", "uk",
      "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
      "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
+    ("no stations 'time'; there are imu, rate, short", "uk", "немає «time»; є: imu, rate, short"),
     ("like nothing that was ever said", "uk", None),
 ]  # fmt: skip
 

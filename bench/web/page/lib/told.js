@@ -38,7 +38,7 @@ function found(text, column) {
   if (bare !== null) return bare + rules.stop[column];
   for (const { regex, own: words } of sentences) {
     const match = text.match(regex);
-    if (match) return words[column].replace(/\{(\w+)\}/g, (_, name) => tell(match.groups[name], column) ?? match.groups[name]);
+    if (match) return words[column].replace(/\{(\w+)\}/g, (_, name) => (rules.kept.includes(name) ? null : tell(match.groups[name], column)) ?? match.groups[name]);
   }
   for (const [joint, ...joined] of rules.joints) {
     if (!text.includes(joint)) continue;
