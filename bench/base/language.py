@@ -94,11 +94,12 @@ def _told(text: str, column: int) -> str | None:
     for pattern, own in _patterns():
         if match := pattern.fullmatch(text):
             kept, given = _catalogue()["rules"]["kept"], match.groupdict()
-            values = {name: (name not in kept and _told(value, column)) or value for name, value in given.items()}
-            return own[column].format(**values)
+            known = {name: one for name, value in given.items() if name not in kept and (one := _told(value, column))}
+            if known or not given or re.search(r"[^\W_]", re.sub(r"\{\w+\}", "", own[column])):
+                return own[column].format(**given | known)
     rules = _catalogue()["rules"]
     for joint, *own in rules["joints"]:
-        parts = text.split(joint)
+        parts = text.split(joint, 1)  # a sentence behind it may have the same sign in it
         made = [_told(part, column) for part in parts] if len(parts) > 1 else []
         if any(made):
             return str(own[column].join(one or part for one, part in zip(made, parts, strict=True)))

@@ -142,7 +142,12 @@ SAMPLES = [
      "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
      "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
     ("no stations 'time'; there are imu, rate, short", "uk", "немає «time»; є: imu, rate, short"),
+    ("20261127T172726Z_ramp: the unit corrected its rate itself during this run: it is a verification and cannot be "
+     "fitted or checked against; use runs of the raw rate", "uk",
+     "20261127T172726Z_ramp: виріб у цьому прогоні сам коригував свій вихід: це перевірка, за нею не можна ні будувати "
+     "модель, ні перевіряти її; візьміть прогони з необробленим виходом"),
     ("like nothing that was ever said", "uk", None),
+    ("the glove was lost", "uk", None),
 ]  # fmt: skip
 
 
