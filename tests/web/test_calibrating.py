@@ -383,6 +383,22 @@ def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(sett
     assert begun == [first["start"], later["start"]]
 
 
+@pytest.mark.parametrize("digest", ["", "d"], ids=["run", "calibration"])
+def test_what_waits_is_run_by_the_users_station_that_replaced_a_shipped_one_meanwhile(settings, monkeypatch, digest):
+    """Otherwise the recipients, units and guards of the shipped one were those of the run."""
+    spawned = []
+    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, words, who: spawned.append(words) or 1)
+    monkeypatch.setattr("bench.web.live.starts.locked", lambda path: False)
+    starts = Starts(settings.own, settings.out, settings.project)
+    shipped, own = (folder.resolve() / "stations" / "imu.yaml" for folder in (library(), settings.project / "profiles"))
+    order = webstarts.Order(plan="short", station="imu", station_file=shipped, equipment=frozenset({"station imu"}))
+    starts.begin(replace(order, queue=True, digests=[digest]), {"station imu": "another run"})
+    own.write_text(f"{shipped.read_text()}notify: notify.yaml\n")
+    starts.take_up({})
+    (words,) = spawned  # a calibration is known by the texts that it was asked for with
+    assert words[words.index("--station") + 1] == str(shipped if digest else own)
+
+
 @pytest.mark.parametrize("way", ["starts", "calibrations"])
 def test_a_time_to_begin_that_has_passed_moves_nothing(settings, way):
     wanted = {"starts": {"plan": "long"}, "calibrations": {"plan": "brief", "unit": "SIM-0001"}}[way]
