@@ -49,8 +49,8 @@ def _catalogue() -> Mapping[str, Any]:
     """`words/told.json`: its sentences, and the rules by which a text is found among them.
 
     A place `{name}` of a sentence ends where the sentence does; `rules.places` has the pattern of each name that takes
-    another text. `rules.joints` is where a text of several sentences is cut, in this order, with what joins it in each
-    language.
+    another text; what stands at those of `rules.kept` stays as it is. `rules.joints` is where a text of several
+    sentences is cut, in this order, with what joins it in each language.
     """
     found: dict[str, Any] = json.loads((files("bench.base") / "words" / "told.json").read_text(encoding="utf-8"))
     return found
@@ -93,11 +93,13 @@ def _told(text: str, column: int) -> str | None:
         return bare + str(_catalogue()["rules"]["stop"][column])
     for pattern, own in _patterns():
         if match := pattern.fullmatch(text):
-            values = {name: _told(value, column) or value for name, value in match.groupdict().items()}
-            return own[column].format(**values)
+            kept, given = _catalogue()["rules"]["kept"], match.groupdict()
+            known = {name: one for name, value in given.items() if name not in kept and (one := _told(value, column))}
+            if known or not given or re.search(r"[^\W_]", re.sub(r"\{\w+\}", "", own[column])):
+                return own[column].format(**given | known)
     rules = _catalogue()["rules"]
     for joint, *own in rules["joints"]:
-        parts = text.split(joint)
+        parts = text.split(joint, 1)  # a sentence behind it may have the same sign in it
         made = [_told(part, column) for part in parts] if len(parts) > 1 else []
         if any(made):
             return str(own[column].join(one or part for one, part in zip(made, parts, strict=True)))

@@ -143,7 +143,7 @@ def verify_archive(out: Path) -> commands.Result:
 
 
 which_options = together(
-    click.option("--profile", help="Only runs of this profile. Default: the one that most units have run."),
+    click.option("--profile", help="Only runs of this profile. Default: the one that most calibrated units have run."),
     click.option(
         "--simulated/--real",
         default=None,

@@ -1,5 +1,6 @@
 """Profiles: legs in order, a continuous set point, and everything that is wrong said with its line."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -214,6 +215,39 @@ def test_another_profile_under_the_name_of_a_shipped_one_is_warned_of():
     assert found(f"# mine\n{shipped.replace('to_degc: 50', 'to_degc: 55')}") == [
         ("warning", 2 + shipped.splitlines().index("name: quick"))
     ]
+
+
+def test_two_profiles_of_the_user_under_one_name_are_warned_of(tmp_path, monkeypatch):
+    text = next(path for path in SHIPPED if path.stem == "quick").read_text().replace("name: quick", "name: mine")
+    hotter = text.replace("to_degc: 50", "to_degc: 55")
+    first = tmp_path / "profiles" / "first.yaml"
+    first.parent.mkdir()
+    first.write_text(text)
+    (first.parent / "limits.yaml").write_text("name: mine\nlimits: []\n")
+    (first.parent / "broken.yaml").write_text("name: mine\n\tb: [")
+
+    def found(file, text):
+        file.write_text(text)
+        told = preflight.check_profile(profile.load_profile(file), CHAMBER)
+        return [
+            (one.level, one.line, re.search("taken by (.*) of other", one.text)[1])
+            for one in told
+            if "taken" in one.text
+        ]
+
+    line = text.splitlines().index("name: mine") + 1
+    beside, elsewhere = first.with_name("second.yaml"), tmp_path / "second.yaml"
+    assert (found(first, text), found(beside, text), found(beside, hotter)) == (
+        [],
+        [],
+        [("warning", line, "first.yaml")],
+    )
+    beside.unlink()
+    assert (found(first, hotter), found(elsewhere, text)) == ([], []), "the file itself may change"
+    monkeypatch.chdir(tmp_path)  # where its `profiles` are the user's
+    assert found(elsewhere, hotter) == []
+    assert found(elsewhere, text) == [("warning", line, "profiles/first.yaml")]
+    assert found(elsewhere, text.replace("name: mine", "name: mine_2")) == []
 
 
 def test_targets_outside_the_station_are_errors_with_their_line():

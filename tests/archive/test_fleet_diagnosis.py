@@ -11,7 +11,7 @@ from bench.archive.fleet.diagnosing import Told, by_lot, in_common
 from bench.base.errors import InputError
 from bench.cli import main
 from bench.record import DiagnosisRecord
-from tests.support.fleet_runs import station
+from tests.support.fleet_runs import station, uncalibrated
 
 
 def diagnosis(run, model="spline", lacks=(), verdict="missing_effect"):
@@ -66,6 +66,19 @@ def test_what_reports_found_serves_and_only_the_rest_is_diagnosed(line, asked):
     assert rows == {"A-1": "thermal_lag", "A-2": "hysteresis", "B-1": ""}
     assert invoke("fleet", "diagnose", "--model", "spline", "--out", line)["made"] == 0
     assert len(asked) == 1
+
+
+def test_the_plan_is_that_of_the_figures_of_the_fleet_whatever_was_run_besides(line, asked):
+    for number in range(4):  # more units than were calibrated have run the other plan
+        uncalibrated(line, f"C-{number}", "S", 9.0, profile="soak")
+    uncalibrated(line, "B-1", "S", 9.5)  # the newest of the plan, not calibrated yet
+    invoke("registry", "rebuild", "--out", line)
+    done = invoke("fleet", "diagnose", "--model", "spline", "--out", line)
+    assert (invoke("fleet", "--out", line)["units"], done["units"], sorted(done["lots"])) == (3, 3, ["A", "B"])
+    assert done["left_out"] == ["4 of other profiles (soak; --profile)"]
+    refitted = CliRunner().invoke(main, ["fleet", "refit", "--model", "spline", "--out", str(line)])
+    assert "4 of other profiles (soak; --profile)" in refitted.output
+    assert invoke("fleet", "diagnose", "--model", "spline", "--out", line, "--profile", "soak")["units"] == 4
 
 
 def test_a_diagnosis_of_another_model_does_not_serve(line, asked):

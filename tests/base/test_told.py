@@ -132,9 +132,22 @@ SAMPLES = [
      "жодного кадру не втрачено; моделі M1 не бракує жодного ефекту, який цей прогін міг показати."),
     ("line 2: the name 'quick' is taken by a shipped profile of other content; histories and fleet would mix their "
      "runs; give this one a name of its own", "uk",
-     "рядок 2: назву «quick» має профіль із комплекту з іншим змістом; історії й парк виробів змішали б їхні прогони; "
-     "дайте цьому власну назву"),
+     "рядок 2: назву «quick» має профіль із комплекту з іншим змістом; історії й парк виробів змішали б їхні "
+     "прогони; дайте цьому власну назву"),
+    ("chamber.lowest_degc is -110: the map writes set points from -100 to 250 degC; correct one of them", "uk",
+     "chamber.lowest_degc = −110: карта регістрів записує уставки від −100 до 250 °C; виправте одне з них"),
+    ("plans/quick.yaml: no certificate: no equipment; give a file with every instrument that the results are traced "
+     "to in the plan or the station file (`equipment:`), or fill in the page 'Laboratory and equipment'; a plan with "
+     "`certificate: false` calibrates without one", "uk",
+     "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
+     "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
+    ("no stations 'time'; there are imu, rate, short", "uk", "немає «time»; є: imu, rate, short"),
+    ("20261127T172726Z_ramp: the unit corrected its rate itself during this run: it is a verification and cannot be "
+     "fitted or checked against; use runs of the raw rate", "uk",
+     "20261127T172726Z_ramp: виріб у цьому прогоні сам коригував свій вихід: це перевірка, за нею не можна ні будувати "
+     "модель, ні перевіряти її; візьміть прогони з необробленим виходом"),
     ("like nothing that was ever said", "uk", None),
+    ("the glove was lost", "uk", None),
 ]  # fmt: skip
 
 

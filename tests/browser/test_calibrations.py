@@ -70,7 +70,7 @@ def begin(page, touch):
     """From the start page to the calibration's run, by way of the forms that its certificate needs."""
     press = tap if touch else enter
     choose(page, press, touch)
-    page.locator("#start-why").get_by_text("no laboratory and no signatory").wait_for()
+    page.locator("#check").get_by_text("no laboratory and no signatory").wait_for()
     picture(page, "ready-calibration-refused")
     press(page, page.get_by_role("link", name="Laboratory and equipment"))
     page.get_by_role("heading", name="Reference equipment").wait_for()

@@ -87,6 +87,18 @@ def test_what_is_filled_in_for_a_laboratory_is_not_lost_without_a_question(addre
     page.get_by_role("button", name="Save Laboratory").click()
     page.get_by_text("Saved.").wait_for()
     assert page.get_by_text("Nothing is filled in yet.").count() == 1
+    name.fill("Gyro laboratory 2")  # over what was saved last, and then over what somebody else saved
+    page.get_by_role("button", name="Save Laboratory").click()
+    page.get_by_text("Saved.").wait_for()
+    visitors.may_come_too_late(page)
+    other = visitors.come(address)
+    other.goto("/laboratory?station=bare")
+    for one, said in ((other, "Saved."), (page, "laboratory/bare has changed since it was opened")):
+        one.locator('[id="place"]').fill("Kyiv")
+        one.get_by_role("button", name="Save Laboratory").click()
+        one.get_by_text(said).wait_for()
+    other.close()
+    page.locator('[id="place"]').fill("")
     page.get_by_role("link", name="Fleet").click()  # the other form is not saved
     question.wait_for()
     question.get_by_role("button", name="Discard changes").click()

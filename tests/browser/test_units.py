@@ -86,6 +86,7 @@ def test_a_trend_is_chosen_by_keyboard_and_drawn_with_its_limit(page):
 def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.goto("/fleet?q=L")
     page.get_by_text("Different from their lot:").wait_for()
+    assert page.get_by_label("Plan").locator("option").first.inner_text() == "the one most units ran: ramp"
     page.get_by_role("group", name="Angle random walk of 48 units").wait_for()
     page.locator(".main-svg").first.wait_for()
     page.locator(".st-attention").get_by_role("link", name="L0-0020").click()

@@ -246,6 +246,8 @@ def test_a_wrong_plan_is_refused_before_anything_moves(tmp_path, old, new, said)
     ("old", "new", "said"),
     [
         ("equipment: simulated\n", "", "quick.yaml: no certificate: no equipment; give a file"),
+        ("equipment: simulated\n", "", "in the plan or the station file (`equipment:`), or fill in"),
+        ("equipment: simulated\n", "", "a plan with `certificate: false` calibrates without one"),
         ("laboratory: simulated ", "laboratory: mine.yaml ", "stations/mine.yaml:3: no certificate: no signatory"),
         ("laboratory: simulated ", "laboratory: simulatd ", "did you mean 'simulated'?"),
     ],
@@ -260,6 +262,7 @@ def test_what_the_certificate_would_lack_is_said_before_anything_moves(tmp_path,
     answer = bench("calibrate", "--plan", plan, *options)
     assert answer.exit_code == 2
     assert said in answer.output
+    assert "--" not in answer.output, "options of another command"
     assert not list(tmp_path.glob("reports/*/*/data.parquet"))
     text = plan.read_text()
     plan.write_text(f"{text}certificate: false\n")

@@ -19,6 +19,7 @@ _DOWN = re.compile(
 )
 
 
+_CONFLICT = re.compile("status of 409 ")
 _LATE = re.compile(r"status of 409 .*/api/v1/live/")
 """A run on a busy computer that does not answer at once; the page asks again."""
 
@@ -41,6 +42,10 @@ class Visitors:
     def may_lose_the_server(self, page):
         """The server is ended on purpose: that its requests fail is no complaint."""
         self.of(page).forgives = _DOWN
+
+    def may_come_too_late(self, page):
+        """Somebody else changed the file on purpose: that it is not written over is no complaint."""
+        self.of(page).forgives = _CONFLICT
 
     def go(self):
         for visitor in self._all:

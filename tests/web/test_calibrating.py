@@ -71,9 +71,10 @@ def test_a_new_unit_stops_at_missing_papers_goes_on_survives_a_restart_and_is_ab
         checked = client.post("/api/v1/calibrations/checks", json=asked).json()["job"]
         checked = client.get(f"/api/v1/jobs/{checked}?wait_s=20").json()
         assert "no laboratory and no signatory" in str(checked["result"]["findings"])
+        assert "or fill in the page 'Laboratory and equipment'; a plan with" in str(checked["result"]["findings"])
         assert str(settings.project) not in json.dumps([stopped, checked]), "nobody at a page needs the folder"
         for kind, content in (("laboratory", LABORATORY), ("equipment", EQUIPMENT)):
-            answer = client.put(f"/api/v1/stations/bare/papers/{kind}", json={"content": content})
+            answer = client.put(f"/api/v1/stations/bare/papers/{kind}", json={"content": content, "digest": ""})
             assert answer.status_code == 200, answer.text
         goes_on = client.post(f"/api/v1/calibrations/{id_}/continue", json={"operator": "Olena"})
         assert goes_on.status_code == 202, goes_on.text
@@ -235,14 +236,14 @@ def test_where_people_sign_in_nobody_gives_another_name(settings):
         client.headers["Authorization"] = f"Bearer {token}"
         wanted = {"plan": "brief", "unit": "SIM-0001", "operator": "Olena"}
         assert "signed in" in client.post("/api/v1/calibrations", json=wanted).json()["detail"]
-        paper = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY})
+        paper = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY, "digest": ""})
         assert paper.status_code == 403
 
 
 def test_a_form_that_is_wrong_is_refused_with_its_field_and_leaves_the_file(settings):
     with served(settings) as client:
         put = "/api/v1/stations/bare/papers"
-        assert client.put(f"{put}/equipment", json={"content": EQUIPMENT}).status_code == 200
+        digest = client.put(f"{put}/equipment", json={"content": EQUIPMENT, "digest": ""}).json()["digest"]
         file = settings.project / "profiles" / "equipment" / "station_bare.yaml"
         before = file.read_text()
         for content, said in (
@@ -250,11 +251,11 @@ def test_a_form_that_is_wrong_is_refused_with_its_field_and_leaves_the_file(sett
             ({"equipment": []}, "missing key 'equipment'"),
             ({"equipment": [{"name": "x"}]}, "missing key 'serial'"),
         ):
-            answer = client.put(f"{put}/equipment", json={"content": content})
+            answer = client.put(f"{put}/equipment", json={"content": content, "digest": digest})
             assert (answer.status_code, said in answer.json()["detail"]) == (400, True), answer.text
             assert "yaml" not in answer.json()["detail"], "who fills in a form sees no file"
         where = {"laboratory": {"name": "L", "country": "Ukraine"}}
-        answer = client.put(f"{put}/laboratory", json={"content": where})
+        answer = client.put(f"{put}/laboratory", json={"content": where, "digest": ""})
         assert answer.json()["detail"] == "laboratory.country is \"Ukraine\": must be written like 'UA'"
         told = client.get(put).json()
         assert client.get("/api/v1/stations/simulated/papers").json()["laboratory"]["content"]["laboratory"]["name"]
@@ -262,11 +263,29 @@ def test_a_form_that_is_wrong_is_refused_with_its_field_and_leaves_the_file(sett
     assert (told["laboratory"]["content"], told["equipment"]["content"]) == (None, EQUIPMENT)
 
 
+def test_a_form_does_not_write_over_what_somebody_else_filled_in_meanwhile(settings):
+    mine, theirs = LABORATORY, {**LABORATORY, "place": "Kyiv"}
+    with served(settings) as client:
+        paper = "/api/v1/stations/bare/papers/laboratory"
+        opened = [client.get("/api/v1/stations/bare/papers").json()["laboratory"]["digest"] for _ in range(2)]
+        first = client.put(paper, json={"content": theirs, "digest": opened[0]})
+        second = client.put(paper, json={"content": mine, "digest": opened[1]})
+        told = client.get("/api/v1/stations/bare/papers").json()["laboratory"]
+        assert (second.status_code, "laboratory/bare has changed since" in second.text) == (409, True)
+        assert (told["content"]["place"], told["digest"]) == ("Kyiv", first.json()["digest"])
+        assert client.put(paper, json={"content": mine, "digest": told["digest"]}).status_code == 200
+        file = settings.project / "profiles" / "laboratory" / "station_bare.yaml"
+        file.write_text("laboratory: [\n")  # by hand, and wrong: the form may write over what it told
+        broken = client.get("/api/v1/stations/bare/papers").json()["laboratory"]
+        assert (bool(broken["problem"]), broken["content"]) == (True, None)
+        assert client.put(paper, json={"content": mine, "digest": broken["digest"]}).status_code == 200
+
+
 def test_a_form_never_writes_outside_the_project(settings, tmp_path):
     file = settings.project / "profiles" / "stations" / "bare.yaml"
     file.write_text(file.read_text() + f"laboratory: {tmp_path / 'elsewhere.yaml'}\n")
     with served(settings) as client:
-        answer = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY})
+        answer = client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY, "digest": ""})
     assert (answer.status_code, "edit it there" in answer.json()["detail"]) == (409, True)
     assert not (tmp_path / "elsewhere.yaml").exists()
 
@@ -362,6 +381,22 @@ def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(sett
     assert len(begun) == 1
     again.take_up({})
     assert begun == [first["start"], later["start"]]
+
+
+@pytest.mark.parametrize("digest", ["", "d"], ids=["run", "calibration"])
+def test_what_waits_is_run_by_the_users_station_that_replaced_a_shipped_one_meanwhile(settings, monkeypatch, digest):
+    """Otherwise the recipients, units and guards of the shipped one were those of the run."""
+    spawned = []
+    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, words, who: spawned.append(words) or 1)
+    monkeypatch.setattr("bench.web.live.starts.locked", lambda path: False)
+    starts = Starts(settings.own, settings.out, settings.project)
+    shipped, own = (folder.resolve() / "stations" / "imu.yaml" for folder in (library(), settings.project / "profiles"))
+    order = webstarts.Order(plan="short", station="imu", station_file=shipped, equipment=frozenset({"station imu"}))
+    starts.begin(replace(order, queue=True, digests=[digest]), {"station imu": "another run"})
+    own.write_text(f"{shipped.read_text()}notify: notify.yaml\n")
+    starts.take_up({})
+    (words,) = spawned  # a calibration is known by the texts that it was asked for with
+    assert words[words.index("--station") + 1] == str(shipped if digest else own)
 
 
 @pytest.mark.parametrize("way", ["starts", "calibrations"])

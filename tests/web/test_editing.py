@@ -82,6 +82,44 @@ def test_a_station_that_cannot_be_read_is_not_saved(bench):
     assert outside.status_code in {404, 422}
 
 
+WRONG = "recipients: [{name: desk, url: nonsense}]\n"
+
+
+@pytest.mark.parametrize(
+    ("recipients", "said"),
+    [
+        (None, "profiles/stations/notify.yaml: no such file"),
+        (WRONG, "profiles/stations/notify.yaml:1: recipients[0].url: begins with"),
+    ],
+)
+def test_a_station_whose_recipients_are_wrong_is_not_saved(bench, recipients, said):
+    client, project = bench
+    opened = client.get("/api/v1/files/stations/bare").json()
+    text = f"{opened['text'].rstrip()}\nnotify: notify.yaml\n"
+    if recipients is not None:
+        (project / "profiles" / "stations" / "notify.yaml").write_text(recipients)
+    found = done(client, "/api/v1/files/stations/bare/checks", text=text)
+    assert (found["ok"], found["findings"][0]["text"][: len(said)]) == (False, said)
+    refused = client.put("/api/v1/files/stations/bare", json={"text": text, "digest": opened["digest"]})
+    assert (refused.status_code, refused.json()["detail"]) == (400, found["findings"][0]["text"])
+    assert client.get("/api/v1/files/stations/bare").json() == opened
+
+
+@pytest.mark.parametrize("text", [WRONG, "# mail\n'recipients' : []\n", "{recipients: [\n"])
+def test_a_file_of_recipients_among_others_is_listed_nowhere_and_shows_nobody_its_passwords(bench, text):
+    client, project = bench
+    file = project / "profiles" / "stations" / "people.yaml"
+    for place in (file, project / "profiles" / "people.yaml"):
+        place.write_text(text)
+    listed = [client.get(f"/api/v1/{kind}").json() for kind in ("files", "stations", "plans")]
+    assert "people" not in str(listed)
+    for kind in ("stations", "profiles"):
+        assert client.get(f"/api/v1/files/{kind}/people").status_code == 400
+    station = client.get("/api/v1/files/stations/bare").json()["text"]
+    over = client.put("/api/v1/files/stations/people", json={"text": station, "digest": ""})
+    assert (over.status_code, file.read_text()) == (409, text)
+
+
 def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
     client, project = bench
     opened = client.get("/api/v1/files/profiles/quick").json()
@@ -97,4 +135,13 @@ def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
         assert (refused.status_code, refused.json()["detail"]) == (400, f"line {line}: {wrong['text']}")
         assert not (project / "profiles" / f"{name}.yaml").exists()
     own = hotter.replace("name: quick", "name: quick_mine")
-    assert client.put("/api/v1/files/profiles/mine", json={"text": own, "digest": ""}).status_code == 200
+    saved = client.put("/api/v1/files/profiles/mine", json={"text": own, "digest": ""})
+    assert saved.status_code == 200
+    other = own.replace("to_degc: 55", "to_degc: 45", 1)
+    found = done(client, "/api/v1/files/profiles/copied/checks", text=other)
+    (wrong,) = [one for one in found["findings"] if "is taken by mine.yaml of other content" in one["text"]]
+    assert (found["ok"], wrong["level"], wrong["line"]) == (False, "error", line)
+    refused = client.put("/api/v1/files/profiles/copied", json={"text": other, "digest": ""})
+    assert (refused.status_code, refused.json()["detail"]) == (400, f"line {line}: {wrong['text']}")
+    again = {"text": other, "digest": saved.json()["digest"]}
+    assert client.put("/api/v1/files/profiles/mine", json=again).status_code == 200

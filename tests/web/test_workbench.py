@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 
 from bench.analysis import DescribedFormula, load_model, model_from
+from bench.analysis.diagnosis.answer import SuspectedEffect
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
 from bench.analysis.diagnosis.proof import Proof
@@ -463,6 +465,23 @@ def test_a_formula_is_added_with_the_effects_that_it_stands_beside_in_one_step(s
     assert told("pages/workbench/state.js", script, added) == [
         1, ["spline", "aging", "expression"], "spline + aging + expression",
     ]  # fmt: skip
+
+
+def test_a_suspect_tells_everything_that_comes_with_it() -> None:
+    """It is judged beside what else was found, and its model has that, too: its step named it alone."""
+    model = model_from({"name": "m", "effects": [{"polynomial": {"order": 2}}]})
+    alone, both = (
+        model_from({"name": "m", "effects": [{"polynomial": {"order": 2}}, *more, "temperature_rate"]})
+        for more in ((), ("warm_up",))
+    )
+    for after, coming in ((alone, ["temperature_rate"]), (both, ["warm_up", "temperature_rate"])):
+        suspect = SuspectedEffect("temperature_rate", {}, True, 9.0, 0.0, 2.0, 1.0, 1.0, {}, (), (), after, ())
+        told_of = diagnosing._pictured((), SimpleNamespace(model=model, threshold=7.0), suspect, brief=True)  # type: ignore[arg-type]
+        assert [effect["effect"] for effect in told_of["add"]] == coming
+    script = (
+        "console.log(JSON.stringify(page.change(page.stateOf(''), { type: 'add', effects: given }).steps[1].label))"
+    )
+    assert told("pages/workbench/state.js", script, told_of["add"]).count("+") == 2
 
 
 LATIN = r"[A-Za-z]{3,}"

@@ -8,6 +8,7 @@ and the legs wait for it.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,10 @@ from bench.acquisition.profile.guards import GuardSettings
 from bench.acquisition.profile.legs import Leg, LegBuilder
 from bench.acquisition.profile.orientation import OrientationSettings
 from bench.acquisition.profile.segments import Name, Rates, Segment, SettleRule, Start
-from bench.base import STRICT, Document, FloatArray, library, load_config, parse_yaml, read_yaml
+from bench.base import STRICT, BenchError, Document, FloatArray, library, load_config, parse_yaml, read_text, read_yaml
+
+_USERS = Path("profiles")
+"""The user's own profiles (`bench init`), in the folder in which the bench is started."""
 
 __all__ = ["Profile", "SettleRule", "from_document", "load_profile", "profile_from_text", "taken_name"]
 
@@ -125,9 +129,20 @@ def from_document(document: Document) -> Profile:
 
 
 def taken_name(profile: Profile) -> str:
-    """What is wrong with the name of a shipped profile on another one; empty where the name is its own."""
-    shipped = {file.stem: file for file in library().glob("*.yaml")}.get(profile.name)
-    if shipped is None or load_profile(shipped).model_dump() == profile.model_dump():
-        return ""
-    text = f"the name '{profile.name}' is taken by a shipped profile of other content; histories and fleet would mix "
-    return f"{text}their runs; give this one a name of its own"
+    """What is wrong with the name of another profile, shipped or own, on this one; empty where there is none."""
+    own = Path(profile.file or "")
+    for folder, who in ((library(), "a shipped profile"), (own.parent, "{}"), (_USERS, f"{_USERS}/{{}}")):
+        for file in sorted(folder.glob("*.yaml")):
+            if file.resolve() != own.resolve() and _differs(file, profile):
+                text = f"the name '{profile.name}' is taken by {who.format(file.name)} of other content; histories and "
+                return f"{text}fleet would mix their runs; give this one a name of its own"
+    return ""
+
+
+def _differs(file: Path, profile: Profile) -> bool:
+    """Whether a file is a profile of the same name and of other content."""
+    with suppress(BenchError):  # of another kind, or damaged
+        if profile.name in (text := read_text(file)):
+            other = profile_from_text(text, str(file))
+            return other.name == profile.name and other.model_dump() != profile.model_dump()
+    return False

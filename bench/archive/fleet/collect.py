@@ -16,6 +16,7 @@ from bench.archive.fleet import moments_file
 from bench.archive.fleet.engines import Engine, Work
 from bench.archive.fleet.moments_file import Stored
 from bench.archive.fleet.selection import Selection
+from bench.archive.fleet.units import as_shown
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
@@ -54,7 +55,7 @@ def collect(
     selection: Selection | None = None,
 ) -> Collected:
     """Bring the file up to date: rows of unchanged runs stay, new or changed runs are read by `engine` (of groups)."""
-    chosen, left_out = (selection or Selection()).of(runs(registry, archive=ledger.id))
+    chosen, left_out = as_shown(registry, selection).of(runs(registry, archive=ledger.id))
     wanted: dict[str, Due] = {}
     for run in chosen:
         folder = str(ledger.root.resolve() / run["path"])

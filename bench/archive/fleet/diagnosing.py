@@ -6,6 +6,7 @@ written into its run folder as it comes, so that the next start goes on there.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -19,6 +20,7 @@ from bench.analysis import NEXT_PROFILE, Model, diagnosed, noise_floor, one_blas
 from bench.archive.fleet.drift import SIGNIFICANT
 from bench.archive.fleet.engines import Engine, Work
 from bench.archive.fleet.selection import Row, Selection, lot_of
+from bench.archive.fleet.units import as_shown
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
@@ -97,7 +99,7 @@ def diagnose_fleet(
     again: bool = False,
 ) -> FleetDiagnosis:
     """Diagnose the newest selected run of each unit where that is not done yet; `engine` is made for so many runs."""
-    chosen, left_out = (selection or Selection()).of(runs(registry, archive=ledger.id))
+    chosen, left_out = as_shown(registry, selection).of(runs(registry, archive=ledger.id))
     folders: dict[str, str] = {}
     for run in chosen:  # the newest first
         folders.setdefault(run["unit"], str(ledger.root / run["path"]))
@@ -141,7 +143,7 @@ def known_lacks(
 
     `part`: of units with this in their serial number.
     """
-    selection = selection or Selection()
+    selection = as_shown(registry, selection, f".*{re.escape(part)}.*" if part else None)
     found = runs(registry, archive=archive, among=selection.among())
     chosen, _ = selection.of([run for run in found if part in run["unit"]])
     newest: dict[str, Row] = {}

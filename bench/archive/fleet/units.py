@@ -177,19 +177,12 @@ def selected(
 
     NoUnitError where there is none, InputError for a wrong pattern.
     """
-    try:
-        wanted = re.compile(pattern or ".*")
-    except re.error as error:
-        raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     selection = selection or Selection()
     among, large = selection.among(), registry.bytes > _LARGE
     work = partial(_of_a_copy if large else _quantities, registry, among)
     with closing(Aside(work, usual_workers() if large else 1)) as aside:
-        columns = _columns(registry, among)
+        columns = _columns(registry, among, pattern)
         units, ids, values = aside.answer()
-    if pattern:
-        matching = np.array([wanted.fullmatch(unit) is not None for unit in columns["unit"]], dtype=bool)
-        columns = {name: column[matching] for name, column in columns.items()}
     rows, left_out = selection.kept(columns)
     if not rows.size:
         why = f" ({'; '.join(left_out)} left out)" if left_out else ""
@@ -206,8 +199,29 @@ def fleet_of(registry: Registry, pattern: str | None = None, selection: Selectio
     return Fleet(*found.newest(), units, left_out)
 
 
-def _columns(registry: Registry, among: Sequence[ColumnElement[bool]]) -> dict[str, ObjectArray]:
-    """Runs with a calibration, in order, with their lots and stations."""
+def as_shown(registry: Registry, selection: Selection | None = None, pattern: str | None = None) -> Selection:
+    """The selection with the profile, and simulated or not, of the runs that `selected` finds by it.
+
+    Runs without a calibration choose neither, unless no run has one.
+    """
+    selection = selection or Selection()
+    columns = _columns(registry, selection.among(), pattern)
+    rows, _ = selection.kept(columns)
+    if not rows.size:
+        return selection
+    cause, profile, simulated = (columns[name][rows[0]] for name in ("cause", "profile", "simulated"))
+    return replace(selection, profile=profile_of(cause, profile).item(), simulated=bool(simulated))
+
+
+def _columns(registry: Registry, among: Sequence[ColumnElement[bool]], pattern: str | None) -> dict[str, ObjectArray]:
+    """Runs with a calibration, in order, with their lots and stations, of units whose whole serial matches.
+
+    InputError for a wrong pattern.
+    """
+    try:
+        wanted = re.compile(pattern or ".*")
+    except re.error as error:
+        raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     run, calibration, unit = (TABLES[name] for name in ("runs", "calibrations", "units"))
     certificate = TABLES["certificates"]
     judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
@@ -231,6 +245,9 @@ def _columns(registry: Registry, among: Sequence[ColumnElement[bool]]) -> dict[s
     pairs = zip(columns["unit"], columns["lot"], strict=True)
     columns["lot"] = np.array([lot or intern(lot_of(unit, None)) for unit, lot in pairs], dtype=object)
     columns["station"] = np.array([station or UNKNOWN for station in columns["station"]], dtype=object)
+    if pattern:
+        matching = np.array([wanted.fullmatch(unit) is not None for unit in columns["unit"]], dtype=bool)
+        columns = {name: column[matching] for name, column in columns.items()}
     return columns
 
 

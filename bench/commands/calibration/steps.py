@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 IMPROVED = "model-improved.yaml"
 """The model that the walk of `improve` ended with, in the run folder."""
+_PLACE = "in the plan or the station file (`{kind}:`), or fill in the page 'Laboratory and equipment'"
 
 
 class AgainError(Exception):
@@ -112,8 +113,8 @@ def _papers(order: Order, station: StationSettings) -> list[str]:
     papers = order.papers().over(Papers.of_station(station))
     if order.plan.certificate:
         deliver.require_typst()
-        for lack in lacking(papers.laboratory, papers.equipment, order.path):
-            raise lack.error()
+        for lack in lacking(papers.laboratory, papers.equipment, order.path, _PLACE):
+            raise lack.error("a plan with `certificate: false` calibrates without one")
     if papers.equipment is None:
         return ["no equipment in the plan: the results are not metrologically traceable"]
     refuse_overdue(load_instruments(papers.equipment), datetime.now(UTC).date(), papers.equipment.file)

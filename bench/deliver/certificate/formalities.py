@@ -22,21 +22,32 @@ class Lack:
     file: str
     line: int | None = None
 
-    def error(self) -> InputError:
-        """The refusal, one line."""
-        return InputError(f"no certificate: {self.what}; {self.todo}; --draft prints a draft", self.file, self.line)
+    def error(self, without: str = "a draft can be printed without it (--draft)") -> InputError:
+        """The refusal, one line; `without`: what is left to whoever cannot add it."""
+        return InputError(f"no certificate: {self.what}; {self.todo}; {without}", self.file, self.line)
 
 
-def lacking(laboratory: Document | None, equipment: Document | None, run: Path) -> tuple[Lack, ...]:
-    """Everything that is missing, in the order of the certificate; InputError where a file is wrong."""
-    found = [*_laboratory(laboratory, run), *_equipment(equipment, run)]
+def lacking(
+    laboratory: Document | None,
+    equipment: Document | None,
+    run: Path,
+    place: str = "with --{kind}, or name it in the station file (`{kind}:`)",
+) -> tuple[Lack, ...]:
+    """Everything that is missing, in the order of the certificate; InputError where a file is wrong.
+
+    `place`: where a file that is missing is named, with its `kind`.
+    """
+    found = [
+        *_laboratory(laboratory, run, place.format(kind="laboratory")),
+        *_equipment(equipment, run, place.format(kind="equipment")),
+    ]
     return tuple(_unsealed(lack, run) for lack in found)
 
 
-def _laboratory(document: Document | None, run: Path) -> Iterator[Lack]:
+def _laboratory(document: Document | None, run: Path, place: str) -> Iterator[Lack]:
     if document is None:
-        todo = f"give a file with `laboratory: {{name: …, address: …}}` and {_SIGNATORY} with --laboratory, "
-        yield Lack("no laboratory and no signatory", f"{todo}or name it in the station file (`laboratory:`)", str(run))
+        todo = f"give a file with `laboratory: {{name: …, address: …}}` and {_SIGNATORY} {place}"
+        yield Lack("no laboratory and no signatory", todo, str(run))
         return
     known = load_laboratory(document)
     if not known.laboratory.name.strip():
@@ -47,10 +58,10 @@ def _laboratory(document: Document | None, run: Path) -> Iterator[Lack]:
         yield Lack("no signatory", "fill in the name", document.file, document.line(("authorised_by", "name")))
 
 
-def _equipment(document: Document | None, run: Path) -> Iterator[Lack]:
+def _equipment(document: Document | None, run: Path, place: str) -> Iterator[Lack]:
     if document is None:
-        todo = "give a file with every instrument that the results are traced to with --equipment, or name it in the "
-        yield Lack("no equipment", f"{todo}station file (`equipment:`)", str(run))
+        todo = f"give a file with every instrument that the results are traced to {place}"
+        yield Lack("no equipment", todo, str(run))
         return
     for i, tool in enumerate(load_instruments(document)):
         if tool.due is None:

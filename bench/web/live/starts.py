@@ -20,7 +20,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal
 
-from bench.base import OPERATOR, EquipmentError, InputError, hold, locked
+from bench.base import OPERATOR, EquipmentError, InputError, hold, library, locked
 from bench.record import LIVE, StartRecord
 from bench.web.live.outcomes import LOCK, outcome, waits
 
@@ -157,8 +157,18 @@ class Starts:
             return self._told(folder)
 
     def _go(self, folder: Path, about: StartRecord) -> None:
-        pid = self._spawn(folder, list(about.waiting), about.who)
+        # A calibration is known by the texts that it was asked for with.
+        words = list(about.waiting) if about.digest else [self._of_now(word) for word in about.waiting]
+        pid = self._spawn(folder, words, about.who)
         self._write(folder, about.model_copy(update={"pid": pid, "waiting": ()}))
+
+    def _of_now(self, word: str) -> str:
+        """A file that is asked for, or the user's own one that has taken the place of a shipped one while it waited."""
+        shipped = library().resolve()
+        if Path(word).is_relative_to(shipped):
+            own = self._project / "profiles" / Path(word).relative_to(shipped)
+            return str(own.resolve()) if own.is_file() else word
+        return word
 
     def take_up(self, in_use: Mapping[str, str]) -> None:
         """Start what waits for equipment that is free now, in their turn; nothing before its time."""

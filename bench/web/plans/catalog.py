@@ -95,9 +95,20 @@ class Catalog:
 
 
 def _listing(*folders: Path) -> dict[str, Path]:
-    """YAML files by name, sorted; later folders replace earlier ones."""
+    """YAML files by name, sorted; later folders replace earlier ones. Files with passwords are not among them."""
     found = {file.stem: file for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")}
-    return {name: found[name].resolve() for name in sorted(found) if found[name].is_file() and is_text(name)}
+    return {
+        name: found[name].resolve()
+        for name in sorted(found)
+        if found[name].is_file() and is_text(name) and not _has_recipients(found[name])
+    }
+
+
+def _has_recipients(path: Path) -> bool:
+    """Whether a file is, or was meant to be, one that a station's `notify` names; no other kind has such a key."""
+    with contextlib.suppress(OSError):  # who opens it is told why it cannot be read
+        return re.search(rb"""^[^#\n]*\brecipients["']?\s*:""", path.read_bytes(), re.MULTILINE) is not None
+    return False
 
 
 def is_text(name: str) -> bool:
@@ -230,9 +241,14 @@ def _rehearsed(
     return {**checked.to_json(), **drawn, "ok": checked.ok, "findings": _told(checked.findings)}
 
 
+def _readings(settings: StationSettings, project: Path) -> tuple[Callable[[], object], ...]:
+    """What reads recipients, and laboratory and equipment, that a station names: InputError where they are wrong."""
+    return lambda: Notifier(settings.notify), lambda: Papers.of_station(settings, project / "profiles")
+
+
 def _of_files(settings: StationSettings, project: Path) -> Iterator[Finding]:
-    """What is wrong with the recipients, the laboratory and the equipment that a station names."""
-    for read in (lambda: Notifier(settings.notify), lambda: Papers.of_station(settings, project / "profiles")):
+    """What is wrong with the files that a station names."""
+    for read in _readings(settings, project):
         try:
             read()
         except InputError as error:
@@ -292,7 +308,8 @@ def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[di
     try:
         found = load[kind](parse_yaml(text, file))
         if isinstance(found, StationSettings):
-            Papers.of_station(found, project / "profiles")
+            for read in _readings(found, project):
+                read()
     except (BenchError, DriverError) as error:
         return None, _by_line(within(project, str(error)), within(project, file))
     if isinstance(found, Profile) and (text := taken_name(found)):

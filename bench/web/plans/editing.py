@@ -72,8 +72,7 @@ def files(here: Here) -> Listed:
 def file(kind: Kind, id: Id, here: Here) -> Text:
     """A file as text; 400 where there is none."""
     path = named(_files(kind, here), id, kind)
-    text = read_text(path)
-    return Text(text=text, own=_is_own(path, here), digest=_digest(text))
+    return Text(text=read_text(path), own=_is_own(path, here), digest=digest_of(path))
 
 
 @router.post("/files/{kind}/{id}/checks", status_code=202)
@@ -89,16 +88,17 @@ def check(kind: Kind, id: Id, draft: Draft, request: Request, here: Here, who: E
 def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
     """Keep a text as the user's own file; 400 with what is wrong with it, 409 where the file has changed since."""
     existing = _files(kind, here).get(id)
-    if saved.digest != ("" if existing is None else _digest(read_text(existing))):
-        raise HTTPException(409, f"{kind}/{id} has changed since it was opened: copy your text, and open it again")
+    refuse_changed(existing, saved.digest, f"{kind}/{id}")
     path = _place(kind, here) / f"{id}.yaml"
+    if existing is None and path.exists():
+        raise HTTPException(409, f"{kind}/{id} is a file of another kind: take another name")
     _, errors = loaded(kind, saved.text, str(path), here.project)
     if errors:
         told = (f"line {one['line']}: {one['text']}" if one["line"] else one["text"] for one in errors)
         raise HTTPException(400, one_line("\n".join(told)))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, saved.text.encode())
-    return Text(text=saved.text, own=True, digest=_digest(saved.text))
+    return Text(text=saved.text, own=True, digest=digest_of(path))
 
 
 def _files(kind: str, here: Settings) -> dict[str, Path]:
@@ -115,5 +115,12 @@ def _is_own(path: Path, here: Settings) -> bool:
     return path.is_relative_to((here.project / "profiles").resolve())
 
 
-def _digest(text: str) -> str:
-    return sha256(text.encode()).hexdigest()
+def digest_of(path: Path | None) -> str:
+    """Names the state of a file; empty where there is none. InputError where it cannot be read."""
+    return "" if path is None or not path.is_file() else sha256(read_text(path).encode()).hexdigest()
+
+
+def refuse_changed(path: Path | None, opened: str, what: str) -> None:
+    """HTTPException 409 where a file is not as it was when it was `opened`."""
+    if digest_of(path) != opened:
+        raise HTTPException(409, f"{what} has changed since it was opened: copy your text, and open it again")

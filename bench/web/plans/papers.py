@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,6 +21,7 @@ from bench.web.ground.settings import Here, Settings
 from bench.web.people.access import Engineer
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
+from bench.web.plans.editing import digest_of, refuse_changed
 
 router = APIRouter(tags=["plans"])
 Kind = Literal["laboratory", "equipment"]
@@ -32,6 +34,8 @@ class Paper(BaseModel):
 
     file: str | None
     content: dict[str, Any] | None
+    digest: str = ""
+    """Names this state of the user's own file; empty where there is none."""
     problem: str = ""
 
 
@@ -44,9 +48,13 @@ class PapersOfStation(BaseModel):
 
 
 class Filled(BaseModel):
-    """A form as it was filled in; the description of the file is its schema (docs/reference/schemas.md)."""
+    """A form as it was filled in; the description of the file is its schema (docs/reference/schemas.md).
+
+    `digest` is that of the paper that it was made from.
+    """
 
     content: dict[str, Any] = Field(max_length=20)
+    digest: str = Field(max_length=64)
 
 
 @router.get("/stations/{station}/papers")
@@ -64,14 +72,20 @@ def papers(station: Station, here: Here) -> PapersOfStation:
         except InputError as error:
             problem = within(here.project, one_line(str(error)))
             found[kind] = Paper(file=within(here.project, str(own)), content=None, problem=problem)
+        with suppress(InputError):  # the problem says so
+            found[kind].digest = digest_of(own)
     return PapersOfStation(station=station, **found)
 
 
 @router.put("/stations/{station}/papers/{kind}")
 def fill_in(station: Station, kind: Kind, filled: Filled, here: Here, who: Engineer) -> Paper:
-    """Write a file of the station; 400 with what is wrong, 409 where the station names a file of another folder."""
+    """Write a file of the station; 400 with what is wrong.
+
+    409 where the station names a file of another folder, or the file has changed since.
+    """
     settings = catalog.station(named(Catalog(here.project, here.own).stations(), station, "station"))
     file = _writable(own_paper(kind, settings, here.project / "profiles"), here)
+    refuse_changed(file, filled.digest, f"{kind}/{station}")
     content = _without_empty(filled.content) or {}
     document = parse_yaml(f"{_head(kind)}{dump(content)}", file.name)
     try:
@@ -80,7 +94,7 @@ def fill_in(station: Station, kind: Kind, filled: Filled, here: Here, who: Engin
         raise InputError(re.sub(rf"(?m)^{re.escape(file.name)}:(?:\d+:)? ", "", str(error))) from None
     file.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(file, document.text.encode())
-    return Paper(file=within(here.project, str(file)), content=content)
+    return Paper(file=within(here.project, str(file)), content=content, digest=digest_of(file))
 
 
 def _head(kind: str) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any
@@ -169,25 +168,19 @@ class FleetLacks(BaseModel):
 
 
 @router.get("/fleet/lacks")
-def lacks(
-    stock: Stocked, here: Here, chosen: Choice, model: Annotated[str | None, Query(max_length=200)] = None
-) -> FleetLacks:
+def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max_length=200)] = None) -> FleetLacks:
     """How many units of each lot lack which effect, as far as the runs that the other figures show were diagnosed."""
     if not stock.exists:
         return FleetLacks()
-    selection = chosen.selection()
-    with suppress(NoUnitError):  # where none is calibrated, nothing else is shown; what was kept before may lack a key
-        shown = _counted(stock, here, chosen).part(OVERVIEW)
-        selection = replace(selection, profile=shown.get("plan"), simulated=shown.get("simulated"))
 
     def ask(registry: Registry) -> dict[str, Any]:
-        found = known_lacks(registry, selection, model, part=chosen.q)
+        found = known_lacks(registry, chosen.selection(), model, part=chosen.q)
         lots = [FleetLot(lot=name, **vars(lot)) for name, lot in by_lot(found.told).items()]
         lots.sort(key=lambda lot: (-sum(lot.lacks.values()), lot.lot))
         return {OVERVIEW: FleetLacks(model=found.model, models=found.models, units=len(found.told), lots=lots,
                                      in_common=[asdict(one) for one in in_common(found.told)])}  # fmt: skip
 
-    found = stock.answer(f"lacks {selection!r} {chosen.q!r} {model!r}", ask)
+    found = stock.answer(f"lacks {chosen!r} {model!r}", ask)
     return FleetLacks(**{**found.part(OVERVIEW), "current": found.current})
 
 

@@ -80,15 +80,15 @@ def _diagnosed(runs: Runs, check: Runs, static: Run | None, sisters: Runs, model
 
 
 def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffect, brief: bool) -> dict[str, Any]:
-    """Content of a page about a suspect: its partial residual, its evidence, the model with it."""
-    added = suspect.model.effects[-1]
+    """Content of a page about a suspect: its partial residual, its evidence, its model and what that has more."""
+    known, effects = {effect.name for effect in found.model.effects}, model_json(suspect.model)["effects"]
     return {
         "why": why(found, suspect),
         "summary": summary_of(suspect.effect),
         "model": model_json(suspect.model),
-        "add": model_json(suspect.model)["effects"][-1:],
+        "add": [*(entry for entry in effects[:-1] if entry["effect"] not in known), effects[-1]],
         "partial": _partial(data[0], found, suspect) if suspect.shape and not brief else None,
-        "family": added.family,
+        "family": suspect.model.effects[-1].family,
     }
 
 

@@ -6,6 +6,7 @@ import { or } from "./words.js";
 const { rules, sentences: known } = all;
 const whole = (source) => new RegExp(`^(?:${source})$`);
 const [NUMBER, MEASURED, BARE] = [rules.number, rules.measured, rules.bare].map(whole);
+const PLACE = /\{(\w+)\}/g;
 const TIGHT = new RegExp(rules.tight, "g");
 const seen = new Map();
 
@@ -38,11 +39,16 @@ function found(text, column) {
   if (bare !== null) return bare + rules.stop[column];
   for (const { regex, own: words } of sentences) {
     const match = text.match(regex);
-    if (match) return words[column].replace(/\{(\w+)\}/g, (_, name) => tell(match.groups[name], column) ?? match.groups[name]);
+    if (!match) continue;
+    const given = Object.entries(match.groups ?? {}).map(([name, value]) => [name, rules.kept.includes(name) ? null : tell(value, column), value]);
+    const values = Object.fromEntries(given.map(([name, one, value]) => [name, one ?? value]));
+    // Words that are only the places say nothing where nothing at them is known.
+    if (given.some(([, one]) => one !== null) || !given.length || /\p{L}|\d/u.test(words[column].replace(PLACE, ""))) return words[column].replace(PLACE, (_, name) => values[name]);
   }
   for (const [joint, ...joined] of rules.joints) {
-    if (!text.includes(joint)) continue;
-    const parts = text.split(joint);
+    const at = text.indexOf(joint);
+    if (at < 0) continue;
+    const parts = [text.slice(0, at), text.slice(at + joint.length)]; // a sentence behind it may have the same sign in it
     const pieces = parts.map((part) => tell(part, column));
     if (pieces.some((one) => one !== null)) return pieces.map((one, i) => one ?? parts[i]).join(joined[column]);
   }

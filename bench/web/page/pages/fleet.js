@@ -229,7 +229,7 @@ export default function Fleet({ query: initial }) {
       <input type="search" aria-label=${t("fleet.search")} placeholder=${t("fleet.search")} value=${text} onInput=${(event) => setText(event.target.value)} />
       ${choice("limits", t("fleet.limits"), fleet.known_limits, t("fleet.own_limits"))}
       ${choice("station", t("fleet.kind.station"), fleet.choices.stations)} ${choice("lot", t("fleet.kind.lot"), fleet.choices.lots)}
-      ${choice("plan", t("fleet.plan"), fleet.choices.plans, t("fleet.most_run"))} ${date("since")} ${date("until")}</div>
+      ${choice("plan", t("fleet.plan"), fleet.choices.plans, `${t("fleet.most_run")}${!chosen.plan && fleet.plan ? `${sign(": ")}${planOf(fleet.plan)}` : ""}`)} ${date("since")} ${date("until")}</div>
       <${LeftOut} fleet=${fleet} simulated=${chosen.simulated} choose=${set("simulated")} />
       ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(Object.values(params).some(Boolean) ? "units.nothing" : "fleet.empty")}</p>`}`}
   </div>`;

@@ -89,7 +89,7 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
     event.preventDefault();
     setState({ busy: true });
     try {
-      setPaper({ ...await put(url`/stations/${station}/papers/${kind}`, { content }), content });
+      setPaper({ ...await put(url`/stations/${station}/papers/${kind}`, { content, digest: paper.digest }), content });
       setState({ saved: true });
     } catch (error) {
       setState({ error });

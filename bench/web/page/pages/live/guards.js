@@ -1,24 +1,14 @@
 // Guards as traffic lights: colour, shape and word; tripped ones first.
 import { html } from "../../lib/preact.js";
 import { Lamp, Shape } from "../../lib/parts.js";
-import { number, or, t } from "../../lib/words.js";
+import { or, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
+import { valueOf } from "./words.js";
 
 const TONES = { ok: "good", waiting: "warn", tripped: "bad" };
 const ORDER = Object.keys(TONES).reverse();
-const UNITS = {
-  chamber_temperature: "°C", unit_temperature: "°C", sensor_disagreement: "°C", frame_age: "s", disk_free_mb: "MB",
-  power: "%", frozen_s: "s", chamber_silent_s: "s", bus_failed_s: "s",
-};
 
 export const guardName = (guard) => or(`guard.${guard.name}`, guard.name);
-
-function valueOf({ signal, value, per_min: rate }) {
-  if (!(signal in UNITS)) return ""; // yes or no: the light says it
-  if (value === null || value === undefined) return "–";
-  if (rate !== null && rate !== undefined) return t("guards.per_min", { value: number(rate, 1), unit: UNITS[signal] });
-  return `${number(value, Math.abs(value) >= 100 ? 0 : 1)} ${UNITS[signal]}`;
-}
 
 /** `old`: the last known state, in which no light is green. */
 export function Guards({ guards = [], old = false }) {

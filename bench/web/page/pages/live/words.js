@@ -1,5 +1,5 @@
 // State of a live run in words and tones.
-import { degrees, duration, number, or, t } from "../../lib/words.js";
+import { degrees, duration, number, or, symbols, t } from "../../lib/words.js";
 
 const TONES = { running: "good", starting: "link", holding: "warn", pausing: "warn", ending: "warn" };
 
@@ -26,3 +26,16 @@ export function lateText(late_s) {
 
 /** Serial numbers of all units of a run. */
 export const serials = (run) => (run.units?.length ? run.units.map((unit) => unit.serial) : [run.unit]);
+
+const UNITS = {
+  chamber_temperature: "degC", unit_temperature: "degC", sensor_disagreement: "degC", frame_age: "s", disk_free_mb: "MB",
+  power: "%", frozen_s: "s", chamber_silent_s: "s", bus_failed_s: "s",
+};
+
+/** The value of a guard with the unit of the language; empty where the light says all. */
+export function valueOf({ signal, value, per_min: rate }) {
+  if (!(signal in UNITS)) return ""; // yes or no: the light says it
+  if (value === null || value === undefined) return "–";
+  if (rate !== null && rate !== undefined) return t("guards.per_min", { value: number(rate, 1), unit: symbols(UNITS[signal]) });
+  return `${number(value, Math.abs(value) >= 100 ? 0 : 1)} ${symbols(UNITS[signal])}`;
+}

@@ -6,7 +6,7 @@ import { navigate } from "../../lib/router.js";
 import { startRun } from "../../lib/starts.js";
 import { remembered } from "../../lib/store.js";
 import { serialOf } from "../../lib/units.js";
-import { between, degrees, duration, inOneLine, language, number, sign, t } from "../../lib/words.js";
+import { between, degrees, duration, inOneLine, language, number, t } from "../../lib/words.js";
 import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
@@ -64,7 +64,7 @@ export function Ready({ order, plan, station, limits, begun }) {
       <${OperatorField} />
       <${Trouble} error=${refused} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
-      <${StartButton} ready=${ready} starting=${starting} later=${later} why=${result && !result.ok ? findingsOf(result)[0]?.text.split("; ")[0] : ""} start=${() => start()} />
+      <${StartButton} ready=${ready} starting=${starting} later=${later} wrong=${result?.ok === false} start=${() => start()} />
       <div class="field"><label for="later">${t("ready.later")}</label>
         <input id="later" type="datetime-local" value=${later} aria-invalid=${passed ? "true" : undefined} aria-describedby="later-wrong" onInput=${(event) => setLater(event.target.value)} />
         <p id="later-wrong" class="tone-bad small" role="status">${passed && t("ready.passed")}</p></div>
@@ -72,16 +72,17 @@ export function Ready({ order, plan, station, limits, begun }) {
   </div>`;
 }
 
-function StartButton({ ready, starting, later, why, start }) {
+/** START; where something is wrong it is described by the check, which says why. */
+function StartButton({ ready, starting, later, wrong, start }) {
   const button = useRef(null);
   useEffect(() => {
     // Enter starts the run after the check has ended, unless another element has the focus.
     if (ready && (document.activeElement === document.body || ["question", "main"].includes(document.activeElement?.id))) button.current.focus();
   }, [ready]);
-  return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} aria-describedby="start-why" onClick=${start}>
+  return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} aria-describedby=${wrong ? "check" : undefined} onClick=${start}>
     ${starting ? t("ready.starting") : later ? t("ready.plan_it") : t("ready.start")}
   </button>
-  <p class=${why ? "tone-bad" : "soft"} id="start-why" role="status">${why ? html`${t("ready.bad")}${sign(": ")}<${Said} text=${why} />` : starting ? t("ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
+  <p class="soft" role="status">${wrong ? html`<a class="tone-bad" href="#check">${t("ready.bad")}</a>` : starting ? t("ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
 }
 
 function Facts({ plan, result, station, units }) {
@@ -98,20 +99,18 @@ function Facts({ plan, result, station, units }) {
   </dl>`;
 }
 
-/** Findings of the check, the worst first; a segment that would fail is one. */
-const findingsOf = (result) => [
-  ...result.segments.filter((segment) => segment.outcome !== "done").map((segment) => ({ level: "error", text: `${segment.name}: ${segment.reason}` })),
-  ...result.findings,
-].sort((one, other) => Object.keys(TONES).indexOf(one.level) - Object.keys(TONES).indexOf(other.level));
-
 /** Findings of the check: one lamp for all, and each finding. */
 function Checked({ result, error, again }) {
   if (error) return html`<${Trouble} error=${error} retry=${again} />`;
   if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;
-  const findings = findingsOf(result);
+  const late = result.segments.filter((segment) => segment.outcome !== "done");
+  const findings = [
+    ...late.map((segment) => ({ level: "error", text: `${segment.name}: ${segment.reason}` })),
+    ...result.findings,
+  ].sort((one, other) => Object.keys(TONES).indexOf(one.level) - Object.keys(TONES).indexOf(other.level));
   const [serious, notes] = [findings.filter(({ level }) => level !== "info"), findings.filter(({ level }) => level === "info")];
   const tone = !result.ok ? "bad" : serious.length ? "warn" : "good";
-  return html`<div class=${`checked notice ${tone}`} role="status">
+  return html`<div id="check" class=${`checked notice ${tone}`} role="status">
     <p class="checked-word"><${Lamp} tone=${tone}>${t(`ready.${tone}`, { n: serious.length })}<//></p>
     ${result.ok && serious.length > 1 ? html`<details><summary>${t("ready.warnings", { n: serious.length })}</summary><${Findings} findings=${serious} /></details>` : html`<${Findings} findings=${serious} />`}
     ${notes.length > 0 && html`<details><summary>${t("ready.notes", { n: notes.length })}</summary><${Findings} findings=${notes} /></details>`}

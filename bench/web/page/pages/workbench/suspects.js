@@ -43,6 +43,9 @@ function Gain({ suspect, found }) {
     suspect.removes === null ? "" : `, ${t("workbench.suspect.removes", { percent: Math.round(100 * suspect.removes) })}`}</p>`;
 }
 
+/** What comes with a suspect or a formula: it was judged beside these. */
+const Beside = ({ effects }) => effects.length > 0 && html`<p>${t("workbench.formula.beside", { effects: effects.map(effectWord).join(", ") })}</p>`;
+
 function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }) {
   const name = effectWord(suspect.effect);
   const whole = suspect.found || picked;
@@ -57,6 +60,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
     </div>
     <${Evidence} value=${suspect.evidence} threshold=${found.threshold} most=${most} found=${suspect.found} />
     ${whole && html`<${Gain} suspect=${suspect} found=${found} />
+      <${Beside} effects=${suspect.add.slice(0, -1).map(({ effect }) => effect)} />
       <${Parameters} parameters=${suspect.parameters} />
       <p class="wb-soft">${or(`workbench.summary.${suspect.effect}`, suspect.summary)}</p>`}
     ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: joined(suspect.look_alikes.map(effectWord)) })}</p>`}
@@ -80,7 +84,7 @@ function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>,${" "}
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}</p>
-    ${one.beside.length > 0 && html`<p>${t("workbench.formula.beside", { effects: one.beside.map(effectWord).join(", ") })}</p>`}
+    <${Beside} effects=${one.beside} />
     <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
     ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${text}</code></p>`)}
     ${one.caution && html`<p class="wb-warn"><${Said} text=${one.caution} /></p>`}
