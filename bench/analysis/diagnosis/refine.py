@@ -253,7 +253,7 @@ class Refiner:
         slopes = []
         best = _unit(candidate, theta)
         inside = [not p.on_bound(value) for p, value in zip(candidate.parameters, theta, strict=True)]
-        for index in [] if candidate.change_point else np.flatnonzero(inside):
+        for index in [] if candidate.change_point else np.flatnonzero(inside).tolist():
             ends = np.clip(best[index] + np.array([-_DIFFERENCE, _DIFFERENCE]), 0.0, 1.0)
             low, high = (joint(self.problem, candidate, _theta(candidate, _moved(best, index, e))) @ beta for e in ends)
             slopes.append((high - low) / (ends[1] - ends[0]))
