@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bench.analysis.diagnosis.decision import explains
-from bench.analysis.diagnosis.diagnose import _Case, diagnose, proved_first
-from bench.analysis.diagnosis.proof import Proof
+from bench.analysis.diagnosis.decision import decide, explains
+from bench.analysis.diagnosis.describing import _doubted
+from bench.analysis.diagnosis.diagnose import _Case, _of_check, diagnose, proved_first
+from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -79,6 +82,85 @@ def test_what_follows_the_clock_of_one_run_is_proved_only_where_it_repeats_in_it
     assert best.held_out_rms_dph < 0.08
     assert (answer.verdict, answer.proved, best.proof.proved) == ("unknown_effect", proved, proved)
     assert ("only another run can tell whether it repeats" in answer.sentence) is not proved
+
+
+@pytest.mark.parametrize(("error_dph", "word"), [(0.21, "undecided"), (1.2, "unknown_effect")])
+def test_noise_that_is_not_that_of_the_isothermal_run_is_no_proof_of_a_cause(error_dph, word):
+    """Telegraph noise that is faster when warm: the residual is far below the floor, and no probe finds a place."""
+    explained = SimpleNamespace(word="unknown_effect", drifts=True, left=(), steps=())
+    base = Unseen(error_dph, error_dph, left=LeftOut("check", np.full(9, error_dph), np.ones(9)))
+    decision = decide(explained, (), base, base, 0.5, "")
+    assert (decision.word, decision.proved) == (word, None)
+    assert decision.why.startswith("the run drifts more" if word == "undecided" else "")
+
+
+def test_an_effect_on_the_bound_of_its_time_constant_gives_way_to_a_formula_that_determines_it():
+    """Relaxation within 1500 s: the creep of the catalogue takes half an hour and more."""
+    rng = np.random.default_rng(4)
+    time = (np.arange(900) + 0.5) * 30.0
+
+    def run(name, turns):
+        temperature = 25.0 + 50.0 * np.interp(time, np.linspace(0.0, time[-1], len(turns)), turns)
+        behind, level = np.empty(time.size), temperature[0]
+        for row, value in enumerate(temperature):
+            level += (value - level) * (1.0 - np.exp(-30.0 / 1500.0))
+            behind[row] = value - level
+        rate = 2e-4 * (temperature - 25.0) ** 2 + 0.012 * behind + rng.normal(0.0, 0.06, time.size)
+        segment = np.zeros(time.size, dtype=np.int64)
+        return Dataset(name, time, {"temperature": temperature, "rate": rate}, segment, (), 30.0)
+
+    first, check = run("one", [0, 1, 1, -1, -1, 0.5, 0]), run("two", [0, -1, -0.2, -0.2, 0.9, 0.9, -0.5])
+    answer = diagnose([first], SPLINE, check=[check], candidates=[effects.make("creep")])
+    assert (answer.verdict, answer.nearest) == ("unknown_effect", "creep")
+    tau_s = float(re.search(r"lag\(temperature, ([\d.]+)\)", answer.formulas[0].formula)[1])
+    assert tau_s == pytest.approx(1500.0, rel=0.1)
+    assert answer.formulas[0].proof.proved
+
+
+def test_a_formula_with_a_parameter_on_its_bound_is_not_proved_like_an_effect():
+    proof = Proof("check", 0.2, 0.11, 5.0)
+    (stuck, free) = (SimpleNamespace(on_bound=names, period_s=0.0) for names in (("tau_s",), ()))
+    assert _doubted(proof, None, [free, stuck]).words.endswith("but tau_s is on its bound: not determined")
+    assert (_doubted(proof, None, [free, stuck]).proved, _doubted(proof, None, [free]).proved) == (False, True)
+
+
+def test_the_floor_of_a_diagnosis_is_without_what_was_found():
+    """The supply wanders in the isothermal run, too: its floor is not what an explained run should reach."""
+    rng = np.random.default_rng(6)
+    time = (np.arange(700) + 0.5) * 30.0
+
+    def run(name, temperature):
+        supply = 5.0 + np.cumsum(rng.normal(0.0, 0.01, time.size))
+        rate = 2e-4 * (temperature - 25.0) ** 2 + 8.0 * (supply - 5.0) + rng.normal(0.0, 0.06, time.size)
+        channels = {"temperature": temperature, "rate": rate, "supply": supply}
+        return Dataset(name, time, channels, np.zeros(time.size, dtype=np.int64), (), 30.0)
+
+    swing = 25.0 + 50.0 * np.sin(5.0 * np.pi * time / time[-1])
+    first, check, still = run("one", swing), run("two", -0.8 * swing), run("still", np.full(time.size, 25.0))
+    answer = diagnose([first], SPLINE, check=[check], static=still, candidates=[effects.make("supply_voltage")])
+    assert [suspect.effect for suspect in answer.named] == ["supply_voltage"]
+    assert answer.floor_dph == pytest.approx(0.06, rel=0.2)
+    (note,) = [note for note in answer.notes if "has a part of the effects found" in note]
+    assert f"and {answer.floor_dph:.4f} without" in note
+
+
+def test_the_nearest_entry_is_the_one_that_the_sentence_names():
+    first, other = (
+        SimpleNamespace(effect=name, options={}, parameters={}, proof=FALLS, proved=True)
+        for name in ("partial_range", "hysteresis")
+    )
+    answer = SimpleNamespace(
+        verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="", found=(first, other),
+        nearest="hysteresis", floor_dph=0.1,
+    )  # fmt: skip
+    assert "The nearest entry of the catalogue is hysteresis: with it" in sentence(answer, drifts=False)
+
+
+@pytest.mark.parametrize(("error_dph", "asked"), [(1.5, True), (0.15, False)])
+def test_a_check_run_that_is_quite_unlike_the_run_is_asked_about(error_dph, asked):
+    """Its rate was in deg/s, under a header that says deg/h."""
+    base = Unseen(error_dph, error_dph, left=LeftOut("check", np.full(9, error_dph), np.ones(9)))
+    assert any("is it of this unit" in note for note in _of_check(base, base, 0.1)) is asked
 
 
 def test_what_was_found_beside_a_drift_is_told_with_its_proof():

@@ -17,6 +17,7 @@ from bench.base import FloatArray, number
 
 ON_UNSEEN = "the error on unseen data is"
 """Begins the reason that unseen data show more than the noise."""
+DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
 
 
 @dataclass(frozen=True)
@@ -42,26 +43,34 @@ def decide(
     found = [suspect for suspect in suspects if suspect.found]
     proofs = [suspect.proved for suspect in found]
     some = None if not any(proved is not None for proved in proofs) else any(proofs)
+    ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
     if explained.word == "unknown_effect":
+        if explained.drifts and not (explained.left or found) and ratio <= ADEQUATE_RATIO:
+            return Decision("undecided", None, DRIFTS)
         return Decision("unknown_effect", False if found and some is not None else None)
     if not found:
-        ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
-        if ratio > ADEQUATE_RATIO:
-            slow = slow or f"{ON_UNSEEN} {ratio:.2g} x the noise floor"
-        elif base.apart_dph > ADEQUATE_RATIO * floor_dph:
-            slow = slow or f"the residual is {base.apart_dph / floor_dph:.2g} x the noise floor"
-        if not isfinite(ratio):
-            floor = "no soak shows how large the noise is"
-            slow = slow or (floor if isnan(floor_dph) else "no error on unseen data is known")
-        if slow:
-            return Decision("undecided", False if isfinite(ratio) else None, slow)
-        return Decision("adequate", True)
+        return _nothing(ratio, base.apart_dph / floor_dph, slow, isnan(floor_dph))
     if some:
         if _leaves_more(improved.left.rms_dph, floor_dph, improved.residuals):
             nearest = next(suspect.effect for suspect in found if suspect.proved)
             return Decision("unknown_effect", False, nearest=nearest)
         return Decision("missing_effect", True)
     return Decision("undecided", some)
+
+
+def _nothing(ratio: float, apart: float, slow: str, no_floor: bool) -> Decision:
+    """The verdict where nothing was found, by the error on unseen data and the residual beside constants, over the
+    floor.
+    """
+    if ratio > ADEQUATE_RATIO:
+        slow = slow or f"{ON_UNSEEN} {ratio:.2g} x the noise floor"
+    elif apart > ADEQUATE_RATIO:
+        slow = slow or f"the residual is {apart:.2g} x the noise floor"
+    if not isfinite(ratio):
+        slow = slow or ("no soak shows how large the noise is" if no_floor else "no error on unseen data is known")
+    if slow:
+        return Decision("undecided", False if isfinite(ratio) else None, slow)
+    return Decision("adequate", True)
 
 
 def _leaves_more(left_dph: float, floor_dph: float, residuals: Sequence[FloatArray]) -> bool:

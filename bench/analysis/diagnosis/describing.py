@@ -144,7 +144,9 @@ class Describer:
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
         stuck = any(step.on_bound for step in explained.steps)
-        if not beside and plain and plain[0].total > named - TIE and (stuck or explained.word == "unknown_effect"):
+        # Of the effects of a short list none pays for having been searched; a formula does.
+        least = named - (FORMULA_EVIDENCE if stuck else TIE)
+        if not beside and plain and plain[0].total > least and (stuck or explained.word == "unknown_effect"):
             # No better than the effects, and no worse: it stands for one that is not determined.
             return Description(self._listed(layout, plain), replaces=stuck)
         names = tuple(step.name for step in explained.steps)
@@ -173,7 +175,7 @@ class Describer:
             if near is None:
                 leaders.append(each)
             elif each.one.formula != leaders[near].one.formula:
-                leaders[near] = replace(leaders[near], alike=(*leaders[near].alike, each.one.text))
+                leaders[near] = _shorter(leaders[near], each)
         return _judged(leaders)
 
     def _answer(
@@ -315,6 +317,13 @@ class Describer:
         )
 
 
+def _shorter(first: _Ranked, other: _Ranked) -> _Ranked:
+    """The first of two that resemble each other, or the other where it is shorter and no evidence tells them apart."""
+    if other.total > first.total - TIE and len(other.one.theta) < len(first.one.theta):
+        return replace(other, alike=(*first.alike, first.one.text))
+    return replace(first, alike=(*first.alike, other.one.text))
+
+
 def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
     """The same, with the one first that check runs prove against all others: more evidence of the fitted runs may be
     that of what happened in them alone.
@@ -329,7 +338,12 @@ def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
 
 
 def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Proof:
-    """What depends on the time since the start of the only run is interpolated into a leg left out: no proof of it."""
+    """What depends on the time since the start of the only run is interpolated into a leg left out: no proof of it. Nor
+    is what is not determined, as for named effects.
+    """
+    stuck = next((name for part in parts for name in part.on_bound), "")
+    if stuck:
+        return replace(proof, doubt=f"{stuck} is on its bound: not determined")
     if proof.by == "check" or len(layout.rows.time) > 1:
         return proof
     span_s = float(np.ptp(layout.rows.time[0]))
@@ -363,8 +377,6 @@ def _caution(layout: Layout, parts: Sequence[FoundFormula], contribution: FloatA
     words = []
     if float(np.ptp(contribution)) > _IMPLAUSIBLE * float(np.ptp(layout.problem.y)):
         words.append("its size is larger than the whole spread of the bias: it cancels a part of the model")
-    if any(part.on_bound for part in parts):
-        words.append("a parameter is on the end of its range: not determined")
     gains = np.diff(parts[0].halves(), prepend=0.0)
     if gains.sum() > 0.0 and gains.min() < _ONE_PLACE * gains.sum():
         words.append("only one half of the run shows it: suspected until a second run repeats it")

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.decision import bound_notes, bound_only, decide, explains
+from bench.analysis.diagnosis.decision import DRIFTS, bound_notes, bound_only, decide, explains
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
@@ -47,7 +47,7 @@ from bench.record import Dataset, refuse_mixed, refuse_twice
 _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
-_DRIFTS = "the run drifts more than the isothermal run, for a reason that no channel records"
+_UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
 _SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
 _OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
 _LESS = 0.9  # of the noise floor: effects found that take less out of it are not in the isothermal run
@@ -167,12 +167,12 @@ class _Case:
         explained = Search(self.offer, self.lattice, check, seed, workers).explain(self.layout)
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
-        ranking = Ranking(explained, self.offer, check, self.floor_dph)
+        floor_dph, floor_note = self._floor(explained)
+        ranking = Ranking(explained, self.offer, check, floor_dph)
         own = sum(len(step.suspect.amplitudes) for step in explained.steps if not step.effect.moves_abscissa)
         improved = unseen(explained.layout.rows, explained.layout.theta, check, own) if explained.steps else base
         suspects = ranking.suspects()
         slow = structure(self.layout) if explained.word == "adequate" else ""
-        floor_dph, floor_note = self._floor(explained)
         decision = decide(explained, suspects, base, improved, self._expected(floor_dph), slow)
         steps = self.layout.resolution.words()
         if steps and not explained.steps and decision.word == "unknown_effect":
@@ -184,22 +184,22 @@ class _Case:
             sentence="",
             runs=tuple(run.name for run in runs),
             check=tuple(run.name for run in check),
-            floor_dph=self.floor_dph,
+            floor_dph=floor_dph,
             rms_dph=self.fit.rms_dph,
             held_out_rms_dph=base.rms_dph,
             held_out_by="check" if check else "blocks",
-            where=self._where(explained, base),
+            where=self._where(explained, base, floor_dph),
             suspects=suspects,
-            unexplained=self._unexplained(explained, improved),
+            unexplained=self._unexplained(explained, improved, floor_dph),
             threshold=explained.threshold,
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
-            noise_finding=_DRIFTS if explained.drifts and not steps else self.noise,
+            noise_finding=DRIFTS if explained.drifts and not steps else self.noise,
             notes=(
                 *self.notes,
                 *floor_note,
                 *_constants(base, self.fit.rms_dph, runs),
-                *_of_check(base),
+                *_of_check(base, improved, self.fit.rms_dph),
             ),
             model=self.fit.model,
             improved=explained.layout.rows.model,
@@ -211,11 +211,16 @@ class _Case:
         describer = Describer(self.lattice, check, floor_dph, seed, workers)
         formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
         if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
-            nearest = answer.nearest or (answer.found[0].effect if answer.found else "")
-            answer = replace(answer, verdict="unknown_effect", nearest=nearest)
+            near = [suspect for suspect in answer.found if suspect.proved] or answer.found
+            nearest = answer.nearest or (near[0].effect if near else "")
+            kept = tuple(
+                replace(one, found=one.found and (one.effect == nearest or one.proof.falls is not False))
+                for one in answer.suspects
+            )
+            answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
         if formulas and answer.verdict == "unknown_effect":
             answer = replace(answer, proved=explains(formulas[0], self._expected(floor_dph)))
-        if formulas and formulas[0].proof.proved and answer.noise_finding == _DRIFTS:
+        if formulas and formulas[0].proof.proved and answer.noise_finding == DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
         left = formulas[0].held_out_rms_dph if formulas else improved.rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left))
@@ -240,7 +245,10 @@ class _Case:
         return residual_surface(self.layout, residual, channels, noise)
 
     def _floor(self, explained: Explanation) -> tuple[float, tuple[str, ...]]:
-        """The noise floor [deg/h], without what the effects found move in the isothermal run, and the note of that."""
+        """The noise floor [deg/h], without what the effects found move in the isothermal run, and the note of that.
+
+        `bench noise` and `bench compare` know of no effects: they state the floor with them.
+        """
         problem, before = explained.layout.problem, self.layout.problem.statics
         if not before or problem.statics[0].X.shape == before[0].X.shape:
             return self.floor_dph, ()
@@ -248,10 +256,8 @@ class _Case:
         floor_dph = own.std_of_means(problem.interval_s, float(np.ptp(self.layout.rows.time[0])))
         if not floor_dph < _LESS * self.floor_dph:
             return self.floor_dph, ()
-        text = (
-            f"the isothermal run has a part of the effects found; without them its noise floor is {number(floor_dph)}"
-        )
-        return floor_dph, (f"{text} deg/h",)
+        text = f"the isothermal run has a part of the effects found: its noise floor is {number(self.floor_dph)} deg/h "
+        return floor_dph, (f"{text}with them and {number(floor_dph)} without, as stated here",)
 
     def _expected(self, floor_dph: float) -> float:
         """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""
@@ -290,15 +296,15 @@ class _Case:
         )
         return proved_first(kept), bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
-    def _where(self, explained: Explanation, base: Unseen) -> tuple[Place, ...]:
+    def _where(self, explained: Explanation, base: Unseen, floor_dph: float) -> tuple[Place, ...]:
         seen = explained.before.places if explained.steps else explained.before.alarms
         alarms = [f for f in seen if f.name != "noise"]
-        found = places(self.layout, alarms, self._stacked(base), self.floor_dph)
-        return (*found, *steps_places(self.layout, self._stacked(base), self.floor_dph))
+        found = places(self.layout, alarms, self._stacked(base), floor_dph)
+        return (*found, *steps_places(self.layout, self._stacked(base), floor_dph))
 
-    def _unexplained(self, explained: Explanation, improved: Unseen) -> tuple[Place, ...]:
+    def _unexplained(self, explained: Explanation, improved: Unseen, floor_dph: float) -> tuple[Place, ...]:
         # Of the shape that is left, the effects found take in a part, too.
-        return places(explained.layout, explained.left, self._stacked(improved), self.floor_dph)
+        return places(explained.layout, explained.left, self._stacked(improved), floor_dph)
 
     def _stacked(self, scored: Unseen) -> FloatArray:
         return self.layout.stacked(scored.residuals or self.fit.residuals)
@@ -334,8 +340,8 @@ class _Case:
 
 
 def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormula, ...]:
-    """The same, with the first that unseen data bear in front, unless the check runs speak more for the best one."""
-    borne = [one for one in formulas if one.proof.falls is not False and one.borne > formulas[0].borne - TIE]
+    """The same, with the first that unseen data prove in front, unless the check runs speak more for the best one."""
+    borne = [one for one in formulas if one.proof.proved is not False and one.borne > formulas[0].borne - TIE]
     return (*borne[:1], *(one for one in formulas if one not in borne[:1]))
 
 
@@ -370,7 +376,7 @@ def _constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[s
     return (f"{text}: {listed(above)} deg/h",)
 
 
-def _of_check(base: Unseen) -> tuple[str, ...]:
+def _of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
     """Notes of what is in the error on the check runs beside what a proof compares, where that matters."""
     notes = []
     if base.outside > _OUTSIDE:
@@ -378,9 +384,18 @@ def _of_check(base: Unseen) -> tuple[str, ...]:
             f"{100.0 * base.outside:.0f} % of the check run is at temperatures that were not fitted: they are in the "
             "held-out error and prove nothing"
         )
-    if base.shape_dph < _SHAPE_ALONE * np.hypot(base.shape_dph, base.constant_dph):
-        text = f"of the held-out error {number(base.constant_dph)} deg/h is a constant of the check run, such as its "
-        notes.append(f"{text}turn-on bias; what an effect or a formula lowers is stated without it")
+    parts = [("of the held-out error", base), ("of that with what was found", improved)]
+    apart = [
+        f"{which} {number(own.constant_dph)} deg/h"
+        for which, own in parts[: 1 if improved is base else 2]
+        if own.shape_dph < _SHAPE_ALONE * np.hypot(own.shape_dph, own.constant_dph)
+    ]
+    if apart:
+        text = f"{listed(apart)} is a constant of the check run, such as its turn-on bias"
+        notes.append(f"{text}; what an effect or a formula lowers is stated without it")
+    if base.left.by == "check" and base.left.rms_dph > _UNLIKE * rms_dph:
+        text = f"the check run's error is {base.left.rms_dph / rms_dph:.2g} x that of the fitted run"
+        notes.append(f"{text}: is it of this unit, in the same units?")
     return tuple(notes)
 
 

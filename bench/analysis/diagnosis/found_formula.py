@@ -46,9 +46,10 @@ class FoundFormula:
         return self.formula.text(numbers(self.theta))
 
     @property
-    def on_bound(self) -> bool:
-        """Whether the search of a parameter ended at an end of its range."""
-        return any(p.on_bound(value) for p, value in zip(self.formula.parameters, self.theta, strict=True))
+    def on_bound(self) -> tuple[str, ...]:
+        """Parameters whose search ended at an end of their range."""
+        pairs = zip(self.formula.parameters, self.theta, strict=True)
+        return tuple(parameter.name for parameter, value in pairs if parameter.on_bound(value))
 
     @property
     def sized(self) -> bool:

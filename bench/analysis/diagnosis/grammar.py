@@ -144,16 +144,14 @@ class Grammar:
 
     def _covers(self, name: str) -> list[Block]:
         """The gaps of a part that follows the air, or another thermometer, to what it follows and to the unit."""
-        what = "the air" if name == "chamber_temperature" else name
-        part, words = f"lag({name}, {{tau_s}})", f"a part that follows {what}"
-        bounds, tried = (
-            (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),),
-            lags(self.ranges.length_s / 4.0, 2),
+        what, part = "air" if name == "chamber_temperature" else name, f"lag({name}, {{tau_s}})"
+        bounds = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),)
+        tried = lags(self.ranges.length_s / 4.0, 2)
+        gaps = (
+            (f"({name} - {part})", f"the gap between {what} and a part that follows it"),
+            (f"({part} - temperature)", f"the gap between unit and a part that follows {what}"),
         )
-        return [
-            Block(f"({name} - {part})", f"the gap between {what} and {words}", "degC", bounds, tried),
-            Block(f"({part} - temperature)", f"the gap between {words} and the unit", "degC", bounds, tried),
-        ]
+        return [Block(text, words, "degC", bounds, tried) for text, words in gaps]
 
     def _chamber(self) -> list[Block]:
         """What the chamber's heater and its cooling give, which no channel records: the heat balance of the air.

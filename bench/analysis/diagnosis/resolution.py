@@ -58,13 +58,12 @@ class Resolution:
         parts = []
         if self.temperature_step_degc:
             parts.append(
-                f"the thermometer has steps of {self.temperature_step_degc:.3g} degC, which cause "
+                f"the thermometer has steps of {self.temperature_step_degc:.3g} degC, which cause up to "
                 f"{self.temperature_error_dph:.2g} deg/h"
             )
         if self.rate_step_dph:
-            parts.append(
-                f"the output has steps of {self.rate_step_dph:.3g} deg/h, which cause {self.rate_error_dph:.2g} deg/h"
-            )
+            text = f"the output has steps of {self.rate_step_dph:.3g} deg/h, which cause up to "
+            parts.append(f"{text}{self.rate_error_dph:.2g} deg/h")
         return " and ".join(parts)
 
 

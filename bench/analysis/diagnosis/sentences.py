@@ -155,8 +155,8 @@ def _unknown(answer: Diagnosis, drifts: bool) -> tuple[str, list[str]]:
 
 def _nearest(answer: Diagnosis) -> str:
     """The catalogue's best entry leaves much more than the noise on unseen data."""
-    near = [suspect for suspect in answer.found if suspect.proved] or answer.found
-    name, proof = listed([_named(suspect) for suspect in near]), near[0].proof
+    first = next(suspect for suspect in answer.found if suspect.effect == answer.nearest)
+    name, proof = _named(first), first.proof
     if proof.falls is None:
         return f"The nearest entry of the catalogue is {name}: no unseen data can judge it: {proof.unjudged}."
     scale, much = 1.0, "deg/h"

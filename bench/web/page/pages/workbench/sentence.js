@@ -46,11 +46,10 @@ function missing(found) {
 function unknown(found) {
   const near = found.suspects.filter((one) => one.found);
   const first = t("workbench.say.unknown");
-  const borne = near.filter((one) => one.proved);
-  const nearest = borne.length ? borne : near;
-  if (found.nearest && near.length) {
-    const much = found.floor_dph && nearest[0].proof.after_dph > NEAREST * found.floor_dph;
-    return [first, t(`workbench.say.nearest${much ? "" : "_dph"}`, { effect: list(nearest), ...errors(nearest[0], much ? found.floor_dph : 1) })];
+  const nearest = near.find((one) => one.effect === found.nearest);
+  if (nearest) {
+    const much = found.floor_dph && nearest.proof.after_dph > NEAREST * found.floor_dph;
+    return [first, t(`workbench.say.nearest${much ? "" : "_dph"}`, { effect: list([nearest]), ...errors(nearest, much ? found.floor_dph : 1) })];
   }
   return [
     first,
