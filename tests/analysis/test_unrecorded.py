@@ -163,6 +163,19 @@ def test_a_check_run_that_is_quite_unlike_the_run_is_asked_about(error_dph, aske
     assert any("is it of this unit" in note for note in _of_check(base, base, 0.1)) is asked
 
 
+def test_what_was_found_beside_a_drift_and_raises_the_error_is_not_said_to_lower_it():
+    proof = replace(FALLS, after_dph=3.94, deviations=-5.0)
+    lag = SimpleNamespace(
+        effect="thermal_lag", options={}, parameters={}, scored=True, proof=proof, removes=0.0, proved=False
+    )
+    answer = SimpleNamespace(
+        verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="the run drifts", found=(lag,), nearest=""
+    )
+    text = sentence(answer, drifts=True)
+    assert "lowers" not in text
+    assert "thermal_lag: the error on legs left out changes from 1.60 to 3.94 deg/h, a fall of 3 % is needed" in text
+
+
 def test_what_was_found_beside_a_drift_is_told_with_its_proof():
     """The table below the sentence names it: the catalogue explains that part."""
     jump = SimpleNamespace(

@@ -140,7 +140,11 @@ def _unknown(answer: Diagnosis, drifts: bool) -> tuple[str, list[str]]:
     rest = answer.unexplained
     if drifts and not rest and answer.noise_finding:
         known = f"Beside {listed([_named(suspect) for suspect in answer.found])} the" if answer.found else "The"
-        proofs = [_proof(suspect) for suspect in answer.found if suspect.scored]
+        proofs = [
+            _proof(suspect) if suspect.proof.falls else f"{suspect.effect}: {suspect.proof.words}."
+            for suspect in answer.found
+            if suspect.scored
+        ]
         return f"{known} model lacks something that the catalogue does not explain: {answer.noise_finding}.", proofs
     if answer.nearest:
         return f"{_LACKS}.", [_nearest(answer)]
