@@ -210,6 +210,8 @@ def test_the_formula_that_a_check_run_proves_against_another_comes_first():
     less.borne = 77.0  # no more probable with it
     assert _judged([more, less])[0] is more
     assert _judged([]) == []
+    first, tied = ranked(300.0, 76.0, 0.30), ranked(297.0, 75.0, 0.25)  # which leaves least there, if none is better
+    assert _judged([first, tied])[0] is tied
 
 
 @pytest.mark.slow
