@@ -100,6 +100,8 @@ def test_a_table_of_a_laboratory_is_read_as_it_is_written(tmp_path, name, conten
         ("packed.csv", b"PK\x03\x04" + bytes(40), "FILE: not a readable zip file ("),
         ("zone.csv", NUMBERED.replace("\n0", "\n2026-10-25 01:30:00 CEST"),
          "FILE:2: 'time' is '2026-10-25 01:30:00 CEST', no time as it is known; export times as 2026-01-31T14:00"),
+        ("half_zoned.csv", NUMBERED.replace("\n0", "\n2026-10-25T01:30:00Z").replace("\n1", "\n2026-10-25T01:30:01"),
+         "FILE:3: 'time' is '2026-10-25T01:30:01', no time as in the rows before"),
         ("nbsp.csv", NUMBERED.replace(",", ";").replace(";20", ";1\xa0020,5"),
          "FILE:2: 'temp [degC]' is '1 020,5', not a number: separators of thousands?"),
         ("neither.csv", NUMBERED.replace("rate", "a").replace("temp", "b"),

@@ -96,6 +96,8 @@ def _times(name: str, texts: pd.Series[Any]) -> Column | None:
     plain = texts.str.replace(",", ".", regex=False)
     if zoned or re.fullmatch(_ISO, first):
         moments = pd.to_datetime(plain, format="ISO8601", utc=zoned, errors="coerce")
+        if zoned:  # without their zone others would pass for UTC
+            moments = moments.where(plain.str.fullmatch(f".*{_ZONE}").fillna(False).astype(bool))
     elif re.fullmatch(_DOTS, first):
         moments = pd.to_datetime(plain, format="mixed", dayfirst=True, errors="coerce")
     elif re.fullmatch(_SLASHES, first):
