@@ -85,7 +85,7 @@ def test_the_misfit_that_is_left_has_no_part_that_the_effects_found_take_in(stil
     )
     shape = 1e3 * found.layout.problem.base[:, -1]
     explained = SimpleNamespace(layout=found.layout, left=(Finding("time", 1e-6, 30.0, 4, shape),))
-    (place,) = case._unexplained(explained, SimpleNamespace(residuals=found.fit.residuals))
+    (place,) = case._unexplained(explained, SimpleNamespace(residuals=found.fit.residuals), case.floor_dph)
     assert place.misfit_dph < 1e-6 * np.sqrt(np.mean(shape**2))
 
 
