@@ -34,7 +34,7 @@ def quiet():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("truth", ["beat", "buckling"])
+@pytest.mark.parametrize("truth", ["beat", "buckling", "draught"])
 def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalogue_describes(truth):
     found = outside.run_trial(outside.Trial(truth, 3.0, 1))
     assert found["formula"]

@@ -40,7 +40,7 @@ class Grammar:
         drivers = self.drivers()
         bent = [bent for block in drivers for bent in block.bent()]
         bent += [block.squared() for block in drivers if block.most and block.bounds]
-        alone = [Formula((block,)) for block in (*drivers, *bent, *states(self.ranges), *self.bends())]
+        alone = [Formula((block,)) for block in (*drivers, *bent, *states(self.ranges), *self.bends(), *self._fanned())]
         lines = [Formula((block,), pair=True) for block in self.lines()]
         # Up and down the same way its rate of change leaves nothing of the sine alone, which could grow to it.
         changing = replace(lines[0], blocks=(*lines[0].blocks, _SLOPE))
@@ -152,6 +152,16 @@ class Grammar:
             (f"({part} - temperature)", f"the gap between unit and a part that follows {what}"),
         )
         return [Block(text, words, "degC", bounds, tried) for text, words in gaps]
+
+    def _fanned(self) -> list[Block]:
+        """The same where what is switched, such as a fan, changes how fast the part follows.
+
+        Without it little of them is seen, and they would not grow to it.
+        """
+        covers = [replace(block, drives=True) for name in self.ranges.apart for block in self._covers(name)]
+        variants = [one for block in covers for one in block.variants(self.ranges.length_s, self.ranges.switched)]
+        slower = [f"{{slower}} * {name})" for name in self.ranges.switched]
+        return [one for one in variants if any(text in one.text for text in slower)]
 
     def _chamber(self) -> list[Block]:
         """What the chamber's heater and its cooling give, which no channel records: the heat balance of the air.
