@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks import outside_truths_last, outside_truths_later
+from benchmarks import outside_truths_last, outside_truths_later, outside_truths_newest
 from benchmarks.outside_world import Truth, World, follows, log_uniform
 
 
@@ -321,6 +321,7 @@ GROUPS = {
     ),
     **outside_truths_later.GROUPS,
     **outside_truths_last.GROUPS,
+    **outside_truths_newest.GROUPS,
 }
 """By when they were written."""
 TRUTHS: dict[str, Truth] = {truth.__name__: truth for group in GROUPS.values() for truth in group}

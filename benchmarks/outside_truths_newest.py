@@ -1,0 +1,136 @@
+"""Mechanisms of `outside_truths` written after places in a temperature that lags, covers and hops had come."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.base import FloatArray
+from benchmarks.outside_world import World, follows, log_uniform
+
+
+def board_with_a_thermostat(w: World, rng: np.random.Generator) -> FloatArray:
+    """A heater on the board holds it warm, on below one temperature of the board and off above another."""
+    on_below, off_above = rng.uniform(-15.0, 5.0), rng.uniform(8.0, 15.0)
+    tau_s, power = log_uniform(rng, 300, 900), rng.uniform(15.0, 30.0)
+    board, on, warmer = float(w.case[0]), False, np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        on = board < (off_above if on else on_below)
+        board += (case + power * on - board) / tau_s
+        warmer[second] = board - case
+    return warmer
+
+
+def one_way_leak(w: World, rng: np.random.Generator) -> FloatArray:
+    """Air enters a package through a flap within minutes, and leaves through a pore within an hour or more."""
+    fast, slow = log_uniform(rng, 100, 400), log_uniform(rng, 2500, 8000)
+    outside = 300.0 / (follows(w.case, 120.0) + 273.15)
+    inside, over = float(outside[0]), np.empty(len(outside))
+    for second, value in enumerate(outside.tolist()):
+        inside += (value - inside) / (fast if value > inside else slow)
+        over[second] = inside - value
+    return over
+
+
+def friction_that_thaws(w: World, rng: np.random.Generator) -> FloatArray:
+    """A joint slides at a force that falls as its grease thaws."""
+    most, cold = rng.uniform(6.0, 15.0), rng.uniform(25.0, 50.0)
+    spring, last, bent = 0.0, float(w.case[0]), np.empty(len(w.case))
+    for second, value in enumerate(w.case.tolist()):
+        force = most * np.exp(-(value - 25.0) / cold)
+        spring = min(max(spring + value - last, -force), force)
+        bent[second], last = spring, value
+    return bent
+
+
+def dew_that_dries(w: World, rng: np.random.Generator) -> FloatArray:
+    """Dew settles while the case is colder than the air, and dries by the vapour pressure of the case."""
+    grows, dries, water = rng.uniform(0.5, 2.0), log_uniform(rng, 400, 1500), 0.0
+    film = np.empty(len(w.case))
+    for second, (air, case) in enumerate(zip(w.air.tolist(), w.case.tolist(), strict=True)):
+        water += max(air - case, 0.0) * grows / 600.0 - water * np.exp(np.clip(case, -40.0, 60.0) / 18.0) / 4.0 / dries
+        water = max(water, 0.0)
+        film[second] = water
+    return np.sqrt(film)
+
+
+def cable_that_stiffens(w: World, rng: np.random.Generator) -> FloatArray:
+    """A cable pulls by the gap between air and case, and the more the colder its inside is."""
+    inside = follows(w.air, log_uniform(rng, 200, 800))
+    return np.asarray((w.air - w.case) * np.exp(-(inside - 25.0) / rng.uniform(30.0, 60.0)))
+
+
+def amplifier_that_warms_itself(w: World, rng: np.random.Generator) -> FloatArray:
+    """An amplifier is warmed by the square of the drive; its phase turns the quadrature."""
+    power = (w.drive / w.constant(np.mean(w.drive))) ** 2
+    node = follows(w.case, 200.0) + rng.uniform(60.0, 150.0) * (follows(power, log_uniform(rng, 200, 800)) - 1.0)
+    return np.asarray(w.quadrature * (node - rng.uniform(0.0, 40.0)))
+
+
+def switch_that_heats(w: World, rng: np.random.Generator) -> FloatArray:
+    """A bimetal opens above one temperature of the case and closes below another; what it feeds warms a mass."""
+    opens = rng.uniform(35.0, 55.0)
+    closes, closed, feeds = opens - rng.uniform(6.0, 20.0), True, np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        closed = case < (opens if closed else closes)
+        feeds[second] = float(closed)
+    return follows(feeds, log_uniform(rng, 300, 1200))
+
+
+def ringing_of_turns(w: World, rng: np.random.Generator) -> FloatArray:
+    """Each change of the rate of temperature loosens a lock by its size; it settles within some minutes."""
+    slope = np.gradient(follows(w.case, 90.0)) * 60.0
+    settles_s, loose, last = log_uniform(rng, 300, 1200), 0.0, float(slope[0])
+    left = np.empty(len(slope))
+    for second, value in enumerate(slope.tolist()):
+        loose += abs(value - last) - loose / settles_s
+        left[second], last = loose, value
+    return left
+
+
+def reference_of_two_diodes(w: World, rng: np.random.Generator) -> FloatArray:
+    """Two diodes of a reference lie on parts with time constants of their own; the supply scales the difference."""
+    near, far = follows(w.case, log_uniform(rng, 60, 200)), follows(w.case, log_uniform(rng, 500, 2000))
+    return np.asarray((near - far) * (w.supply / w.constant(np.mean(w.supply)) - rng.uniform(0.9, 0.97)))
+
+
+def saturated_core(w: World, rng: np.random.Generator) -> FloatArray:
+    """The heater's field magnetises a core towards saturation; what remains fades slowly."""
+    fades_s, strength, core = log_uniform(rng, 1500, 6000), rng.uniform(1.0, 3.0), 0.0
+    field = np.empty(len(w.heater))
+    for second, heats in enumerate((w.heater / max(w.constant(np.max(w.heater)), 1e-9)).tolist()):
+        core += max(np.tanh(strength * heats) - core, 0.0) / 60.0 - core / fades_s
+        field[second] = core
+    return field
+
+
+def mode_by_inner_temperature(w: World, rng: np.random.Generator) -> FloatArray:
+    """A mode of the frame is met at one temperature of a part inside, and scales with the drive's error."""
+    inside = follows(w.case, log_uniform(rng, 100, 500))
+    apart = (inside - rng.uniform(0.0, 50.0)) / rng.uniform(3.0, 8.0)
+    return np.asarray((w.drive - w.constant(np.mean(w.drive)) * rng.uniform(0.97, 1.03)) / (1.0 + apart**2))
+
+
+def pump_of_the_room(w: World, rng: np.random.Generator) -> FloatArray:
+    """A pump outside shakes the table by a clock of its own; a rubber foot passes it on while it is cold."""
+    period, foot = log_uniform(rng, 700, 2500), follows(w.air, log_uniform(rng, 600, 2000))
+    runs = np.mod(w.time + rng.uniform(0.0, period), period) < rng.uniform(0.3, 0.6) * period
+    return np.asarray(runs / (1.0 + np.exp((foot - rng.uniform(-5.0, 25.0)) / 6.0)))
+
+
+GROUPS = {
+    "after places in a temperature that lags, covers and hops had come": (
+        board_with_a_thermostat,
+        one_way_leak,
+        friction_that_thaws,
+        dew_that_dries,
+        cable_that_stiffens,
+        amplifier_that_warms_itself,
+        switch_that_heats,
+        ringing_of_turns,
+        reference_of_two_diodes,
+        saturated_core,
+        mode_by_inner_temperature,
+        pump_of_the_room,
+    ),
+}
+"""By when they were written."""
