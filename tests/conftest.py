@@ -36,13 +36,6 @@ gc.disable()
 """Until all tests are collected: nothing of what is imported meanwhile is garbage."""
 
 
-@pytest.hookimpl(optionalhook=True)  # without xdist there is no such hook
-def pytest_xdist_auto_num_workers(config):
-    """`-n auto`: a worker more for each two processors, as half of the time of many tests is waiting for others."""
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return processors + processors // 2
-
-
 def pytest_unconfigure():
     """The end of the run: nothing that it started stays."""
     if GUARD is not None:
