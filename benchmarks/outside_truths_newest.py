@@ -61,7 +61,7 @@ def cable_that_stiffens(w: World, rng: np.random.Generator) -> FloatArray:
 
 def amplifier_that_warms_itself(w: World, rng: np.random.Generator) -> FloatArray:
     """An amplifier is warmed by the square of the drive; its phase turns the quadrature."""
-    power = (w.drive / w.constant(np.mean(w.drive))) ** 2
+    power = (w.drive / w.constant(float(np.mean(w.drive)))) ** 2
     node = follows(w.case, 200.0) + rng.uniform(60.0, 150.0) * (follows(power, log_uniform(rng, 200, 800)) - 1.0)
     return np.asarray(w.quadrature * (node - rng.uniform(0.0, 40.0)))
 
@@ -90,14 +90,14 @@ def ringing_of_turns(w: World, rng: np.random.Generator) -> FloatArray:
 def reference_of_two_diodes(w: World, rng: np.random.Generator) -> FloatArray:
     """Two diodes of a reference lie on parts with time constants of their own; the supply scales the difference."""
     near, far = follows(w.case, log_uniform(rng, 60, 200)), follows(w.case, log_uniform(rng, 500, 2000))
-    return np.asarray((near - far) * (w.supply / w.constant(np.mean(w.supply)) - rng.uniform(0.9, 0.97)))
+    return np.asarray((near - far) * (w.supply / w.constant(float(np.mean(w.supply))) - rng.uniform(0.9, 0.97)))
 
 
 def saturated_core(w: World, rng: np.random.Generator) -> FloatArray:
     """The heater's field magnetises a core towards saturation; what remains fades slowly."""
     fades_s, strength, core = log_uniform(rng, 1500, 6000), rng.uniform(1.0, 3.0), 0.0
     field = np.empty(len(w.heater))
-    for second, heats in enumerate((w.heater / max(w.constant(np.max(w.heater)), 1e-9)).tolist()):
+    for second, heats in enumerate((w.heater / max(w.constant(float(np.max(w.heater))), 1e-9)).tolist()):
         core += max(np.tanh(strength * heats) - core, 0.0) / 60.0 - core / fades_s
         field[second] = core
     return field
@@ -107,7 +107,7 @@ def mode_by_inner_temperature(w: World, rng: np.random.Generator) -> FloatArray:
     """A mode of the frame is met at one temperature of a part inside, and scales with the drive's error."""
     inside = follows(w.case, log_uniform(rng, 100, 500))
     apart = (inside - rng.uniform(0.0, 50.0)) / rng.uniform(3.0, 8.0)
-    return np.asarray((w.drive - w.constant(np.mean(w.drive)) * rng.uniform(0.97, 1.03)) / (1.0 + apart**2))
+    return np.asarray((w.drive - w.constant(float(np.mean(w.drive))) * rng.uniform(0.97, 1.03)) / (1.0 + apart**2))
 
 
 def pump_of_the_room(w: World, rng: np.random.Generator) -> FloatArray:
