@@ -476,7 +476,8 @@ def test_a_suspect_tells_everything_that_comes_with_it() -> None:
     )
     for after, coming in ((alone, ["temperature_rate"]), (both, ["warm_up", "temperature_rate"])):
         suspect = SuspectedEffect("temperature_rate", {}, True, 9.0, 0.0, 2.0, 1.0, 1.0, {}, (), (), after, ())
-        told_of = diagnosing._pictured((), SimpleNamespace(model=model, threshold=7.0), suspect, brief=True)  # type: ignore[arg-type]
+        found: Any = SimpleNamespace(model=model, threshold=7.0)
+        told_of = diagnosing._pictured((), found, suspect, brief=True)
         assert [effect["effect"] for effect in told_of["add"]] == coming
     script = (
         "console.log(JSON.stringify(page.change(page.stateOf(''), { type: 'add', effects: given }).steps[1].label))"

@@ -265,10 +265,12 @@ class FormulaSearch:
         formulas, size = [formula for formula, _ in longer], len(one.formula.blocks)
         # Refinement gives most to a block that became another one: no parameter of its own was refined for that.
         became = np.array([each.parameters != one.formula.parameters and len(each.blocks) == size for each in formulas])
-        likely = int(scan.which[np.argmax(np.where(became[scan.which], rough, -np.inf))])
+        likely = sorted(np.flatnonzero(became[scan.which]), key=lambda entry: -rough[entry])[:1]
         found = [
             self._refined(formulas[index], candidates[index], scan.starts(index, points), price)
-            for index in dict.fromkeys((*self._leaders(rough, scan, formulas)[:_BRANCHES], likely))
+            for index in dict.fromkeys(
+                (*self._leaders(rough, scan, formulas)[:_BRANCHES], *scan.which[likely].tolist())
+            )
             if rough[scan.which == index].max() > one.evidence - _NEAR
         ]
         return sorted(found, key=lambda each: -each.evidence)

@@ -72,7 +72,8 @@ def files(here: Here) -> Listed:
 def file(kind: Kind, id: Id, here: Here) -> Text:
     """A file as text; 400 where there is none."""
     path = named(_files(kind, here), id, kind)
-    return Text(text=read_text(path), own=_is_own(path, here), digest=digest_of(path))
+    text = read_text(path)
+    return Text(text=text, own=_is_own(path, here), digest=_digest(text))
 
 
 @router.post("/files/{kind}/{id}/checks", status_code=202)
@@ -98,7 +99,7 @@ def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
         raise HTTPException(400, one_line("\n".join(told)))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, saved.text.encode())
-    return Text(text=saved.text, own=True, digest=digest_of(path))
+    return Text(text=saved.text, own=True, digest=_digest(saved.text))
 
 
 def _files(kind: str, here: Settings) -> dict[str, Path]:
@@ -115,12 +116,16 @@ def _is_own(path: Path, here: Settings) -> bool:
     return path.is_relative_to((here.project / "profiles").resolve())
 
 
-def digest_of(path: Path | None) -> str:
+def _digest(text: str) -> str:
+    return sha256(text.encode()).hexdigest()
+
+
+def file_digest(path: Path | None) -> str:
     """Names the state of a file; empty where there is none. InputError where it cannot be read."""
-    return "" if path is None or not path.is_file() else sha256(read_text(path).encode()).hexdigest()
+    return "" if path is None or not path.is_file() else _digest(read_text(path))
 
 
 def refuse_changed(path: Path | None, opened: str, what: str) -> None:
     """HTTPException 409 where a file is not as it was when it was `opened`."""
-    if digest_of(path) != opened:
+    if file_digest(path) != opened:
         raise HTTPException(409, f"{what} has changed since it was opened: copy your text, and open it again")

@@ -21,7 +21,7 @@ from bench.web.ground.settings import Here, Settings
 from bench.web.people.access import Engineer
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
-from bench.web.plans.editing import digest_of, refuse_changed
+from bench.web.plans.editing import file_digest, refuse_changed
 
 router = APIRouter(tags=["plans"])
 Kind = Literal["laboratory", "equipment"]
@@ -73,7 +73,7 @@ def papers(station: Station, here: Here) -> PapersOfStation:
             problem = within(here.project, one_line(str(error)))
             found[kind] = Paper(file=within(here.project, str(own)), content=None, problem=problem)
         with suppress(InputError):  # the problem says so
-            found[kind].digest = digest_of(own)
+            found[kind].digest = file_digest(own)
     return PapersOfStation(station=station, **found)
 
 
@@ -94,7 +94,7 @@ def fill_in(station: Station, kind: Kind, filled: Filled, here: Here, who: Engin
         raise InputError(re.sub(rf"(?m)^{re.escape(file.name)}:(?:\d+:)? ", "", str(error))) from None
     file.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(file, document.text.encode())
-    return Paper(file=within(here.project, str(file)), content=content, digest=digest_of(file))
+    return Paper(file=within(here.project, str(file)), content=content, digest=file_digest(file))
 
 
 def _head(kind: str) -> str:
