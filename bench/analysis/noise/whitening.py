@@ -30,7 +30,6 @@ _LONGEST_S = 131072.0  # 36 h: beyond any run, where flicker is a constant to th
 _LEAST_APART = 0.7  # intervals: nearer ones would overlap, and C, which is that of whole means, not be positive
 _BLOCK = 32
 _FEW = 8  # columns up to which one LAPACK call goes through the blocks faster than a product for each
-_AT_ONCE = 256  # columns that are whitened at once: more, and what is made of them does not fit the cache
 
 
 @dataclass(frozen=True)
@@ -119,43 +118,44 @@ class Whitener:
         if self.white is not None:  # no row depends on another
             diagonal = (1.0 / np.sqrt(self.white)).astype(matrix.dtype)
             return np.asarray(matrix * (diagonal if matrix.ndim == 1 else diagonal[:, None]))
-        columns, transfer = matrix.reshape(self.rows, -1), self.transfer.astype(matrix.dtype, copy=False)
-        white, whole = np.empty_like(columns), self.rows - self.rows % _BLOCK
-        last = np.zeros((1, _BLOCK, columns.shape[1]), columns.dtype)  # the rows after the last whole block
-        last[0, : self.rows - whole] = columns[whole:]
-        for first in range(0, columns.shape[1], _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
-            own = last[:, :, part]
-            inner, rest = self._whitened(transfer, columns[:whole, part].reshape(-1, *own.shape[1:]), own)
-            white[:whole, part] = inner.reshape(whole, own.shape[2])
-            white[whole:, part] = rest.reshape(-1, own.shape[2])[: self.rows - whole]
-        return white.reshape(matrix.shape)
+        columns = matrix.reshape(self.rows, -1)
+        few = 0 < columns.shape[1] <= _FEW and columns.dtype == np.float64
+        return (self._few(columns) if few else self._many(columns)).reshape(matrix.shape)
 
     @cached_property
     def _band(self) -> FloatArray:
         """The recursion of the states (2 states, blocks * states), a unit triangle in LAPACK's banded form."""
-        count, states = self.rows // _BLOCK, self.transfer.shape[1] - _BLOCK
+        count, states = len(self.transfer), self.transfer.shape[1] - _BLOCK
         row, column = np.indices((states, states))
         band = np.zeros((2 * states, count + 1, states))
-        band[states + row - column, :count, column] = -self.transfer[:count, :states, :states].transpose(1, 2, 0)
+        band[states + row - column, :count, column] = -self.transfer[:, :states, :states].transpose(1, 2, 0)
         return np.asfortranarray(band.reshape(2 * states, -1))
 
-    def _whitened(self, transfer: FloatArray, whole: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same of a few columns in `whole` blocks (blocks, 32, k) and a `last` one (1, 32, k) that may be empty."""
-        count, states = len(whole), transfer.shape[1] - _BLOCK
-        state = np.zeros((len(transfer) + 1, states, whole.shape[2]), whole.dtype)  # before each block
-        np.matmul(transfer[:count, :states, states:], whole, out=state[1 : count + 1])  # from its rows alone
-        if whole.shape[2] <= _FEW and whole.dtype == np.float64:
-            known = state[: count + 1]
-            known[:] = dtbtrs(self._band, known.reshape(-1, whole.shape[2]), uplo="L", diag="U")[0].reshape(known.shape)
-        else:
-            for block in range(1, count):
-                state[block + 1] += np.dot(transfer[block, :states, :states], state[block])
-        inner = transfer[:count, states:, states:] @ whole
-        inner += transfer[:count, states:, :states] @ state[:count]
-        rest = transfer[count:, states:, states:] @ last[: len(transfer) - count]
-        rest += transfer[count:, states:, :states] @ state[count : len(transfer)]
-        return inner, rest
+    def _few(self, columns: FloatArray) -> FloatArray:
+        """The same of a few columns (n, k): all blocks at once."""
+        states = self.transfer.shape[1] - _BLOCK
+        rows = self._blocks(columns)[:, states:]
+        known = np.zeros((len(rows) + 1, states, rows.shape[2]))  # before each block
+        np.matmul(self.transfer[:, :states, states:], rows, out=known[1:])  # from its rows alone
+        known = dtbtrs(self._band, known.reshape(-1, rows.shape[2]), uplo="L", diag="U")[0].reshape(known.shape)
+        white = self.transfer[:, states:, states:] @ rows
+        white += self.transfer[:, states:, :states] @ known[:-1]
+        return white.reshape(-1, rows.shape[2])[: self.rows]
+
+    def _many(self, columns: FloatArray) -> FloatArray:
+        """The same of many columns (n, k): one block after the other, so that what is worked on stays in the cache."""
+        states, white = self.transfer.shape[1] - _BLOCK, np.empty_like(columns)
+        before = np.zeros((states + _BLOCK, columns.shape[1]), columns.dtype)
+        after = np.empty_like(before)
+        begins = range(0, self.rows, _BLOCK)
+        for transfer, begin in zip(self.transfer.astype(columns.dtype, copy=False), begins, strict=True):
+            rows = columns[begin : begin + _BLOCK]
+            before[states : states + len(rows)] = rows
+            before[states + len(rows) :] = 0.0
+            np.dot(transfer, before, out=after)
+            white[begin : begin + _BLOCK] = after[states : states + len(rows)]
+            before[:states] = after[:states]
+        return white
 
     def colour(self, matrix: FloatArray) -> FloatArray:
         """W^-1 @ matrix for columns (n, k): turns independent normal numbers into this noise with white variance 1."""
