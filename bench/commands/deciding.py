@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.analysis import Diagnosis
-from bench.commands.acquisition import Task, conduct
+from bench.base import InputError
+from bench.commands.acquisition import Task, conduct, load_station
 from bench.commands.diagnosis import diagnose
 from bench.commands.results.analyse import Decided, Round
 from bench.record import RunFolder
@@ -25,11 +26,11 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
 ) -> Decided:
     """Diagnose and run what is proposed, at most `most` times.
 
-    Raises InputError: runs that cannot be diagnosed, a profile that the station cannot run; ends with the error of a
-    run that was not completed.
+    Raises InputError: runs that cannot be diagnosed, a profile that the station cannot run, a station that simulates
+    while the runs are of real equipment; ends with the error of a run that was not completed.
     """
     known = {"run": list(runs), "check": list(check), "static": [] if static is None else [static]}
-    serial = RunFolder(runs[0]).manifest().unit
+    manifest = RunFolder(runs[0]).manifest()
     rounds: list[Round] = []
     while True:
         plan = runs[0] / f"decide_{len(rounds) + 1}.yaml"
@@ -42,7 +43,10 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
         reason = _no_more(use, bool(proposed["decides"]), len(rounds), most)
         if reason:
             return Decided(found, False, reason, (*rounds, Round(plan, use, why)))
-        result = conduct(plan, station, Task((serial,), {}, out), quiet)
+        if manifest.simulated is False and load_station(station).simulated:
+            text = f"{manifest.run} is of real equipment, and the proposed run would be simulated"
+            raise InputError(f"{text}: name the station that has the unit with --station, or run {plan} there", station)
+        result = conduct(plan, station, Task((manifest.unit,), {}, out), quiet)
         if result.error is not None:
             raise result.error
         rounds.append(Round(plan, use, why, result.run.path))

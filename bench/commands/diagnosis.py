@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
+from itertools import count
 from pathlib import Path
 
 from bench import analysis, base, record
@@ -57,7 +58,13 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
         write(profile, proposal.profile_yaml)
         found = replace(found, next_experiment=proposal.to_json(str(profile)))
     write(runs[0] / DiagnosisRecord.FILE, DiagnosisRecord.model_validate(found.to_json()).text())
-    return Diagnosed(found, runs[0])
+    following = found.following([*map(str, runs)], [*map(str, check)], model, _free("better"))
+    return Diagnosed(found, runs[0], following, record.RunFolder(runs[0]).manifest().imported)
+
+
+def _free(name: str) -> str:
+    """The first of name.yaml, name2.yaml and so on that is no file yet."""
+    return next(text for n in count(1) if not Path(text := f"{name}{n if n > 1 else ''}.yaml").exists())
 
 
 def _data(

@@ -1,17 +1,20 @@
 """The commands as seen by a user: exit codes, one line for bad input, one JSON object on stdout."""
 
 import json
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bench.base import user_name
 from bench.cli import main
+from bench.cli.rendering.diagnose import next_run
 from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
 
@@ -145,6 +148,26 @@ def test_a_diagnosis_of_a_run_without_a_soak_says_what_to_record_and_shows_no_na
 
 
 @pytest.mark.slow
+def test_a_diagnosis_ends_with_commands_that_add_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "better.yaml").write_text("of an earlier diagnosis\n")
+    run, check = (make_run(tmp_path / f"run {n}", **ramp_run(seed=n), cause="imported", run=f"r{n}") for n in (1, 2))
+    text = bench("diagnose", run, "--check", check, "--model", "spline").stdout
+    add, compare = (shlex.split(line)[1:] for line in text.split("Add it and see the error fall\n")[1].splitlines()[:2])
+    assert bench(*add).exit_code == 0
+    plain, better = json.loads(bench(*compare, "--json").stdout)["models"]
+    assert better["name"] == "better2"
+    assert better["held_out_rms_dph"] < 0.5 * plain["held_out_rms_dph"]
+
+
+def test_the_run_that_a_diagnosis_of_an_imported_log_proposes_is_not_for_a_station():
+    found = SimpleNamespace(next_experiment={"decides": True, "profile": "reports/next.yaml", "why": "it tells"})
+    assert next(next_run(found, imported=False)) == "next: bench run reports/next.yaml"
+    elsewhere = "next: run reports/next.yaml in the chamber that this log is from, and import what it records"
+    assert next(next_run(found, imported=True)) == elsewhere
+
+
+@pytest.mark.slow
 def test_a_report_without_the_isothermal_run_keeps_the_diagnosis_that_knew_it(tmp_path):
     run = make_run(tmp_path / "r", **ramp_run(LEGS, loop_dph=0.0))
     static = make_run(tmp_path / "s", **ramp_run([("soak at 25", "soak", 25.0, 5400.0)], seed=2))
@@ -263,6 +286,7 @@ def test_who_imported_a_table_is_on_record(tmp_path):
 WAITS = """
 import tempfile
 from bench.cli import main
+from bench.cli.rendering.diagnose import next_run
 
 @main.command()
 def wait():

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -10,6 +11,7 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import config
 from bench.cli import main
+from bench.commands import Diagnosed, deciding
 from tests.support import acquisition
 from tests.support.run_folders import make_run, ramp_run
 
@@ -86,3 +88,15 @@ def test_what_the_runs_decide_already_needs_no_station(tmp_path: Path) -> None:
     open_ = answer["diagnosis"]["next_experiment"] if code != 2 else None
     assert open_ is None, error
     assert (code, answer["decided"], answer["rounds"]) == (0, True, [])
+
+
+def test_no_simulated_run_is_made_beside_real_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = make_run(tmp_path / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1", simulated=False)
+    proposed = {"use": "run", "why": "it tells", "decides": True}
+    open_ = Diagnosed(SimpleNamespace(next_experiment=proposed))
+    monkeypatch.setattr(deciding, "diagnose", lambda *_, **__: open_)
+    code, _, error = bench("decide", run, "--model", "spline", "--out", tmp_path / "reports")
+    assert code == 2
+    assert "r1 is of real equipment, and the proposed run would be simulated: name the station" in error
+    assert len(error.splitlines()) == 1
+    assert list((tmp_path / "reports" / "U-1").iterdir()) == [run]

@@ -147,7 +147,7 @@ def test_what_is_missing_stands_after_the_ladder_with_numbers_commands_and_limit
     assert ids[ids.index("ladder") + 1] == "missing"
     text = section(page, "Missing effects", "Compensation over time")
     assert text.index("Missing: hysteresis (") < 60
-    assert f"bench add hysteresis --model spline --out better1.yaml\nbench compare {whole.run.path} --check" in text
+    assert f"bench add hysteresis --model spline --out better.yaml\nbench compare {whole.run.path} --check" in text
     assert "width = 4.96 ± 0.20 °C" in text
     assert "What this run could not have shown" in text
     assert "supply_voltage" in text

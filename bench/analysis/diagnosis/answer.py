@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, Literal
@@ -214,6 +215,25 @@ class Diagnosis:
     def named(self) -> tuple[SuspectedEffect, ...]:
         """Effects found that unseen data prove: what "missing" says."""
         return tuple(s for s in self.found if s.proved) if self.verdict == "missing_effect" else ()
+
+    @property
+    def added(self) -> str:
+        """What `bench add` takes to make the model better: the best formula, else the effects found; empty without.
+
+        Nothing that unseen data contradict, and no effect that is only the nearest to what is missing.
+        """
+        if self.formulas:
+            return self.formulas[0].added if self.formulas[0].proof.falls is not False else ""
+        borne = [s.added for s in self.found if s.proof.falls is not False]
+        return " ".join(borne) if self.verdict in {"missing_effect", "undecided"} else ""
+
+    def following(self, runs: Sequence[str], check: Sequence[str], model: str, better: str) -> tuple[str, ...]:
+        """Commands that add what is missing to the model, as the file `better`, and show both beside each other."""
+        if not self.added:
+            return ()
+        unseen = [word for run in check for word in ("--check", run)]
+        compared = ["bench", "compare", *runs, *unseen, "--model", model, "--model", better]
+        return f"bench add {self.added} {shlex.join(['--model', model, '--out', better])}", shlex.join(compared)
 
     @property
     def mark(self) -> str:

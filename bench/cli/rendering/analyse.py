@@ -95,7 +95,7 @@ def _(result: Reported) -> Iterator[str | Table]:
     if answer is not None:
         yield ""
         yield answer.sentence
-        yield from next_run(answer)
+        yield from next_run(answer, analysis.manifest.imported)
     if analysis.judgement is not None:
         yield ""
         yield from judged(analysis.judgement.to_json())

@@ -46,9 +46,13 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     yield from (
         f"note: {note}" for note in (diagnosis.noise_finding, analysis.made_from(diagnosis), *diagnosis.notes) if note
     )
+    if result.following:
+        yield ""
+        yield "Add it and see the error fall"
+        yield from (f"  {command}" for command in result.following)
     if diagnosis.next_experiment:
         yield ""
-        yield from next_run(diagnosis)
+        yield from next_run(diagnosis, result.imported)
 
 
 @content.register(Diagnosed)
@@ -78,12 +82,14 @@ def _(result: Decided) -> dict[str, Any]:
             "diagnosis": result.diagnosis.to_json()}  # fmt: skip
 
 
-def next_run(diagnosis: analysis.Diagnosis) -> Iterator[str]:
-    """The run that a diagnosis proposes, if any."""
-    if diagnosis.next_experiment:
-        if diagnosis.next_experiment["decides"]:
-            yield f"next: bench run {diagnosis.next_experiment['profile']}"
-        yield str(diagnosis.next_experiment["why"])
+def next_run(diagnosis: analysis.Diagnosis, imported: bool) -> Iterator[str]:
+    """The run that a diagnosis proposes, if any; of a log that was imported another bench made the run."""
+    proposed = diagnosis.next_experiment
+    if proposed:
+        if proposed["decides"]:
+            elsewhere = f"run {proposed['profile']} in the chamber that this log is from, and import what it records"
+            yield f"next: {elsewhere if imported else 'bench run ' + proposed['profile']}"
+        yield str(proposed["why"])
 
 
 def _where(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
@@ -118,10 +124,6 @@ def _formulas(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
     if diagnosis.formulas:
         rows = [(f"  {f.formula}", f"{f.evidence:.1f}", number(f.held_out_rms_dph)) for f in diagnosis.formulas]
         yield table(("Formulas", ">evidence", ">held-out"), rows)
-        if diagnosis.formulas[0].proof.falls is not False:
-            added = f"bench add {diagnosis.formulas[0].added} --model MODEL --out better.yaml"
-            yield f"  add the first with: {added}"
-            yield "  and see the error fall with: bench compare RUN --check CHECK --model MODEL --model better.yaml"
         yield ""
 
 

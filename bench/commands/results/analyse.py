@@ -175,6 +175,10 @@ class Diagnosed(Result):
     diagnosis: analysis.Diagnosis
     run: Path | None = None
     """Folder that keeps the diagnosis."""
+    following: tuple[str, ...] = ()
+    """Commands that add what is missing."""
+    imported: bool = False
+    """Whether the run is of a log: no station of this bench made it."""
 
     @property
     def runs(self) -> tuple[Path, ...]:

@@ -71,25 +71,19 @@ def _sentence(answer: Diagnosis) -> Markup:
 
 def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
     """The next steps, as commands to copy."""
-    run = analysis.run.path
-    model = _source(analysis, answer.model.name)
-    lines: list[str] = []
-    # An effect that is only similar to the unknown one must not be added.
-    for i, suspect in enumerate(answer.found if answer.verdict == "missing_effect" else (), 1):
-        out = f"better{i}.yaml"
-        lines.append(f"bench add {suspect.added} --model {model} --out {out}")
-        model = out
     parts = Markup()
     if answer.next_experiment:
         why, profile = answer.next_experiment["why"], answer.next_experiment["profile"]
-        if answer.next_experiment.get("decides", True):
-            parts += paragraph(f"This run would decide: {why}.") + commands([f"bench run {profile}"])
-        else:
+        if not answer.next_experiment.get("decides", True):
             parts += paragraph(f"Undecidable: {why}.")
+        elif analysis.manifest.imported:
+            parts += paragraph(f"This run would decide: {why}. Its profile: {profile}.")
+        else:
+            parts += paragraph(f"This run would decide: {why}.") + commands([f"bench run {profile}"])
+    model = _source(analysis, answer.model.name)
+    lines = answer.following([str(analysis.run.path)], ["ANOTHER_RUN"], model, "better.yaml")
     if lines:
         words = "Add it and check the error on a run that was not used for the fit:"
-        lines.append(f"bench compare {run} --check ANOTHER_RUN --model {_source(analysis, answer.model.name)} "
-                     f"--model {model}")  # fmt: skip
         parts += paragraph(words) + commands(lines)
     return parts
 
@@ -137,7 +131,7 @@ def _formulas(data: Dataset, answer: Diagnosis) -> Markup:
         plot = figures_diagnosis.partial_residual(data, x, best.residuals[0], best.contribution[0], "formula")
         words = f"The formula alone, over {x.title}: the data ({_dots(x)}) and the formula."
         parts += figure("fig-missing-formula", plot, words, words)
-    return parts + commands([f"bench add {best.added} --model {answer.model.name} --out better.yaml"])
+    return parts
 
 
 def _meanings(answer: Diagnosis) -> Iterator[tuple[str, str]]:

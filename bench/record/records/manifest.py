@@ -213,6 +213,11 @@ class Manifest(Begun, Record):
     """SHA-256 by path inside the folder."""
 
     @property
+    def imported(self) -> bool:
+        """Whether it is a table of somebody else, which no station of this bench recorded."""
+        return self.cause == "imported"
+
+    @property
     def of_lot(self) -> bool:
         """Whether its rows were put together for a lot's calibration, so that it cannot be made again from them."""
         return self.profile == "lot"

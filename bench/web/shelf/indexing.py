@@ -188,7 +188,7 @@ def _read(id_: str, path: str, stamp: int) -> Entry | None:
             start=manifest.created,
             state=RUNNING if entry.state == RUNNING else manifest.state,
             duration_s=manifest.duration_s,
-            imported=manifest.cause == "imported",
+            imported=manifest.imported,
             corrected=manifest.corrected,
             content=sha256(recorded).hexdigest() if manifest.files else "",
             **_judged(path),
