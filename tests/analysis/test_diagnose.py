@@ -10,10 +10,13 @@ import pytest
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.analysis.diagnosis.compare import compare
+from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.diagnosis.probes import Finding
+from bench.analysis.diagnosis.proof import LeftOut
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.still import Still
@@ -111,6 +114,33 @@ def test_an_effect_that_unseen_data_do_not_bear_out_is_suspected_and_not_a_headl
 
 
 @pytest.mark.slow
+def test_an_effect_beside_another_that_the_check_run_speaks_against_is_not_found(still):
+    unit = HiddenUnit((LAG,)).at_strength(2.0, "short")
+
+    def supplied(run, dph_per_v):
+        own = dph_per_v * (run.channel("supply") - run.channel("supply").mean())
+        return replace(run, channels={**run.channels, "rate": run.channels["rate"] + own})
+
+    run, check = supplied(unit.run("short", 1), 10.0), unit.run("minor_loops", 2)
+    both = diagnose([run], SPLINE, check=[supplied(check, 10.0)], static=still, candidates=FEW)
+    assert {suspect.effect for suspect in both.found} == {"thermal_lag", "supply_voltage"}
+    one = diagnose([run], SPLINE, check=[supplied(check, -10.0)], static=still, candidates=FEW)
+    assert [suspect.effect for suspect in one.found] == ["thermal_lag"]
+
+
+@pytest.mark.parametrize(("left_dph", "drifts", "word"), [
+    (0.11, False, "missing_effect"), (0.12, False, "unknown_effect"), (0.11, True, "unknown_effect"),
+])  # fmt: skip
+def test_what_stands_out_in_the_run_and_does_not_matter_on_the_check_run_leaves_an_effect_proved(
+    left_dph, drifts, word
+):
+    explained = SimpleNamespace(word="unknown_effect", drifts=drifts, left=(Finding("drive", 1e-7, 60.0, 4, None),))
+    found = SimpleNamespace(found=True, proved=True)
+    base, improved = (Unseen(e, left=LeftOut("check", e * np.ones(900), np.ones(900))) for e in (0.15, left_dph))
+    decision = decide(explained, [found], base, improved, 0.1, "")
+    assert (decision.word, bool(decision.proved)) == (word, word == "missing_effect")
+
+
 def test_a_name_that_leaves_much_more_than_the_noise_is_the_nearest_entry_and_not_the_cause(still):
     unit = HiddenUnit(({"mechanism": "thermal_lag", "tau_s": 5400.0},)).at_strength(4.0, "short")
     wanted = [effects.make(name) for name in ("creep", "hysteresis")]

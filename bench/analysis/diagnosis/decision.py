@@ -47,6 +47,10 @@ def decide(
     if explained.word == "unknown_effect":
         if explained.drifts and not (explained.left or found) and ratio <= ADEQUATE_RATIO:
             return Decision("undecided", None, DRIFTS)
+        # What is left stands out in the run and does not matter on a check run: the effects are what is missing.
+        whole = improved.left.by == "check" and improved.left.rms_dph <= EXPLAINED_RATIO * floor_dph
+        if some and whole and not explained.drifts:
+            return Decision("missing_effect", True)
         return Decision("unknown_effect", False if found and some is not None else None)
     if not found:
         return _nothing(ratio, base.apart_dph / floor_dph, slow, isnan(floor_dph))

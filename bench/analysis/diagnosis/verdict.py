@@ -145,16 +145,24 @@ class Search:
         return tuple(steps)
 
     def _next(self, layout: Layout, evidence: Evidence, others: int) -> FoundEffect | None:
-        """The effect that beats chance beside `others`, by the run or by the run and the check runs together."""
+        """The effect that beats chance beside `others`, by the run or by the run and the check runs together.
+
+        Beside others it must do so by both: of two effects that the run cannot tell apart one may make up for what the
+        other does too much, and check runs show that.
+        """
         near = evidence.each_once()[:_LEADERS]
         bar = max(self.threshold, self._further(near[0])) if near and others else self.threshold
         alike: tuple[str, ...] = ()
-        if near and near[0].evidence <= bar:
-            near = self._borne(layout, evidence.point, near)
-            alike = tuple(one.effect for one in near[1:])
-        if not near or _rounded(layout, near[0]):
+        enough = [one for one in near if one.evidence > bar]
+        if enough and others and self.check:
+            total = self._total(layout, evidence.point, enough)
+            enough = [one for one, own in zip(enough, total, strict=True) if own > bar]
+        if not enough:
+            enough = self._borne(layout, evidence.point, near)
+            alike = tuple(one.effect for one in enough[1:])
+        if not enough or _rounded(layout, enough[0]):
             return None
-        return FoundEffect(layout, evidence, near[0], self.offer.effects[near[0].name], alike)
+        return FoundEffect(layout, evidence, enough[0], self.offer.effects[enough[0].name], alike)
 
     def _further(self, suspect: Suspect) -> float:
         """Evidence that it needs beside others."""
@@ -165,15 +173,22 @@ class Search:
         """The leaders of which the run and the check runs together tell enough, and no other one more."""
         if not self.check:
             return []
+        leaders = [leader for leader in leaders if leader.sized and self._acts_again(layout, leader)]
+        total = self._total(layout, point, leaders)
+        least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
+        return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
+
+    def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
+        """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
         borne = Borne(self.check, layout.problem.statics, point)
         before = unseen(layout.rows, layout.theta, self.check).left
         total = []
-        leaders = [leader for leader in leaders if leader.sized and self._acts_again(layout, leader)]
         for leader in leaders:
             after = layout.adding(self.offer.effects[leader.name], leader.theta)
-            total.append(leader.evidence + borne.gain(before, unseen(after.rows, after.theta, self.check).left))
-        least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
-        return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
+            shown = self._acts_again(layout, leader)
+            own = borne.gain(before, unseen(after.rows, after.theta, self.check).left) if shown else 0.0
+            total.append(leader.evidence + own)
+        return total
 
     def _acts_again(self, layout: Layout, leader: Suspect) -> bool:
         """Whether a check run can show it: a jump that happened once cannot."""
