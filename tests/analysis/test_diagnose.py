@@ -293,7 +293,8 @@ def test_rivals_that_one_rate_cannot_tell_apart_are_mutual_and_get_a_next_experi
     for decides in (True, False):  # a run that would not decide is not proposed
         told = replace(answer, next_experiment={**proposal, "decides": decides})
         said = [line for line in lines(Diagnosed(told)) if isinstance(line, str)]
-        shown = _advice(SimpleNamespace(run=SimpleNamespace(path="r"), models=()), replace(told, suspects=()))
+        done = SimpleNamespace(run=SimpleNamespace(path="r"), manifest=SimpleNamespace(imported=False))
+        shown = _advice(done, replace(told, suspects=()))
         assert proposal["why"] in said
         assert [("bench run next.yaml" in text) for text in ("\n".join(said), shown)] == [decides, decides]
 
