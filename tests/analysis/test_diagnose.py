@@ -20,6 +20,7 @@ from bench.analysis.diagnosis.proof import LeftOut
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.still import Still
+from bench.analysis.diagnosis.verdict import Search
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.base.errors import InputError
@@ -126,6 +127,20 @@ def test_an_effect_beside_another_that_the_check_run_speaks_against_is_not_found
     assert {suspect.effect for suspect in both.found} == {"thermal_lag", "supply_voltage"}
     one = diagnose([run], SPLINE, check=[supplied(check, -10.0)], static=still, candidates=FEW)
     assert [suspect.effect for suspect in one.found] == ["thermal_lag"]
+
+
+def test_an_effect_that_makes_up_for_another_is_contradicted_by_the_legs_that_are_left_out(still):
+    run = hidden_run(profile="short", seed=1)
+    supplied = run.channels["rate"] + 10.0 * (run.channel("supply") - run.channel("supply").mean())
+    case = _Case.of((replace(run, channels={**run.channels, "rate": supplied}),), SPLINE, still, FEW, None)
+    layout = case.layout.adding(effects.make("thermometer_lag"), (107.0,))
+    lag, supply = (
+        SimpleNamespace(name=n, theta=t, amplitudes=[1.0])
+        for n, t in (("thermal_lag", (300.0,)), ("supply_voltage", ()))
+    )
+    search = Search(case.offer, case.lattice)
+    assert search._contradicted(layout, (0, 0), lag, 10.0)
+    assert not search._contradicted(case.layout, (0, 0), supply, 10.0)
 
 
 @pytest.mark.parametrize(("left_dph", "drifts", "word"), [

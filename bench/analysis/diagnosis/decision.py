@@ -44,13 +44,11 @@ def decide(
     proofs = [suspect.proved for suspect in found]
     some = None if not any(proved is not None for proved in proofs) else any(proofs)
     ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
-    if explained.word == "unknown_effect":
+    # What stands out in the run and does not matter on a check run leaves the effects what is missing.
+    whole = improved.left.by == "check" and improved.left.rms_dph <= EXPLAINED_RATIO * floor_dph
+    if explained.word == "unknown_effect" and (explained.drifts or not (some and whole)):
         if explained.drifts and not (explained.left or found) and ratio <= ADEQUATE_RATIO:
             return Decision("undecided", None, DRIFTS)
-        # What is left stands out in the run and does not matter on a check run: the effects are what is missing.
-        whole = improved.left.by == "check" and improved.left.rms_dph <= EXPLAINED_RATIO * floor_dph
-        if some and whole and not explained.drifts:
-            return Decision("missing_effect", True)
         return Decision("unknown_effect", False if found and some is not None else None)
     if not found:
         return _nothing(ratio, base.apart_dph / floor_dph, slow, isnan(floor_dph))

@@ -7,7 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bench.analysis.diagnosis.evidence import Suspect
 from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again
+from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.effects.base import Effect
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.solve import Solution, left_out_rms, solve
 from bench.analysis.thresholds import MOST_CONDITION
@@ -65,6 +68,14 @@ def unseen(
     visited = [r[m] for r, m in zip((x.channel("temperature") for x in rows.records), rows.masks, strict=True)]
     proof = visited_again(np.concatenate(visited), check, left, weights)
     return Unseen(_rms(left, weights), proof.rms_dph, residuals, above, apart_dph, *_of_check(left, proof), left=proof)
+
+
+def with_suspect(
+    layout: Layout, effect: Effect, suspect: Suspect, check: Sequence[Dataset], like: LeftOut | None = None
+) -> Unseen:
+    """The model of a layout with a suspect, an `effect` at its parameters, scored as by `unseen`."""
+    after = layout.adding(effect, suspect.theta)
+    return unseen(after.rows, after.theta, check, 0 if effect.moves_abscissa else len(suspect.amplitudes), like)
 
 
 def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.evidence import Evidence, Suspect
-from bench.analysis.diagnosis.held_out import Unseen, removed, unseen
+from bench.analysis.diagnosis.held_out import removed, unseen, with_suspect
 from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation
@@ -50,7 +50,7 @@ class Ranking:
     ) -> SuspectedEffect:
         effect = self.offer.effects[suspect.name]
         after = layout.adding(effect, suspect.theta)
-        scored = self._unseen(layout, suspect)
+        scored = with_suspect(layout, effect, suspect, self.check)
         before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
         proof = prove(before.left, scored.left)
         alike, values = alike or self._look_alikes(evidence, suspect), _values(layout, effect, suspect)
@@ -78,20 +78,14 @@ class Ranking:
             proof=proof,
         )
 
-    def _unseen(self, layout: Layout, suspect: Suspect, like: LeftOut | None = None) -> Unseen:
-        """The layout with a suspect, on unseen data; with `like` on the same rows as there."""
-        effect = self.offer.effects[suspect.name]
-        after = layout.adding(effect, suspect.theta)
-        own = 0 if effect.moves_abscissa else len(suspect.amplitudes)
-        return unseen(after.rows, after.theta, self.check, own, like)
-
     def _preferred(self, layout: Layout, evidence: Evidence, found: Suspect, left: LeftOut) -> dict[str, float]:
         """Errors on unseen data [deg/h] of effects in the place of one found, where they are much less; least first.
 
         The evidence is of the rows that were fitted. What fits them better and predicts others worse is not proved.
         """
         rivals = [s for s in evidence.each_once() if s.effect != found.effect and s.evidence > self.explained.threshold]
-        proofs = [(rival.effect, prove(left, self._unseen(layout, rival, left).left)) for rival in rivals]
+        scored = [with_suspect(layout, self.offer.effects[rival.name], rival, self.check, left) for rival in rivals]
+        proofs = [(rival.effect, prove(left, own.left)) for rival, own in zip(rivals, scored, strict=True)]
         better = [
             (name, proof.after_dph) for name, proof in proofs if proof.falls_by(PREFERRED_FALL, PREFERRED_DEVIATIONS)
         ]

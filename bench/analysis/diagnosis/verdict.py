@@ -14,12 +14,13 @@ import numpy as np
 from bench.analysis.diagnosis.answer import VerdictWord
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
-from bench.analysis.diagnosis.held_out import unseen
+from bench.analysis.diagnosis.held_out import unseen, with_suspect
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
+from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
-from bench.analysis.thresholds import FORMULA_EVIDENCE, FURTHER_EVIDENCE, FURTHER_SLOW, TIE
+from bench.analysis.thresholds import FORMULA_EVIDENCE, FURTHER_EVIDENCE, FURTHER_SLOW, PROVED_FALL, TIE
 from bench.record import Dataset
 
 MOST_EFFECTS = 3
@@ -147,16 +148,15 @@ class Search:
     def _next(self, layout: Layout, evidence: Evidence, others: int) -> FoundEffect | None:
         """The effect that beats chance beside `others`, by the run or by the run and the check runs together.
 
-        Beside others it must do so by both: of two effects that the run cannot tell apart one may make up for what the
-        other does too much, and check runs show that.
+        Beside others unseen data must not contradict it: of two effects that the run cannot tell apart one may make up
+        for what the other does too much.
         """
         near = evidence.each_once()[:_LEADERS]
         bar = max(self.threshold, self._further(near[0])) if near and others else self.threshold
         alike: tuple[str, ...] = ()
         enough = [one for one in near if one.evidence > bar]
-        if enough and others and self.check:
-            total = self._total(layout, evidence.point, enough)
-            enough = [one for one, own in zip(enough, total, strict=True) if own > bar]
+        if others:
+            enough = [one for one in enough if not self._contradicted(layout, evidence.point, one, bar)]
         if not enough:
             enough = self._borne(layout, evidence.point, near)
             alike = tuple(one.effect for one in enough[1:])
@@ -178,16 +178,23 @@ class Search:
         least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
         return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
 
+    def _contradicted(self, layout: Layout, point: Point, leader: Suspect, bar: float) -> bool:
+        """Whether the check runs take so much from its evidence or, without, the error on legs that are left out rises
+        by as much as it has to fall for a proof.
+        """
+        if self.check:
+            return self._total(layout, point, [leader])[0] <= bar
+        after = with_suspect(layout, self.offer.effects[leader.name], leader, ()).left
+        return prove(unseen(layout.rows, layout.theta, (), like=after).left, after).fall <= -PROVED_FALL
+
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
         """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
         borne = Borne(self.check, layout.problem.statics, point)
         before = unseen(layout.rows, layout.theta, self.check).left
         total = []
         for leader in leaders:
-            after = layout.adding(self.offer.effects[leader.name], leader.theta)
-            shown = self._acts_again(layout, leader)
-            own = borne.gain(before, unseen(after.rows, after.theta, self.check).left) if shown else 0.0
-            total.append(leader.evidence + own)
+            after = with_suspect(layout, self.offer.effects[leader.name], leader, self.check).left
+            total.append(leader.evidence + (borne.gain(before, after) if self._acts_again(layout, leader) else 0.0))
         return total
 
     def _acts_again(self, layout: Layout, leader: Suspect) -> bool:
