@@ -88,6 +88,18 @@ def test_the_proposed_run_tells_apart_what_one_ramp_at_one_rate_hardly_does(runs
     assert ranked[0].evidence - ranked[1].evidence > 6.0
 
 
+def test_a_lag_and_a_delay_are_told_apart_by_many_reversals(runs):
+    layout, _, noise = judged(runs["thermal_lag"])
+    offered = {name: effects.make(name).suited(layout.rows.records) for name in ("thermal_lag", "clock_delay")}
+    found = weigh(layout.problem, [layout.candidate(effect, name) for name, effect in offered.items()], nulls=0)
+    rated = Discrimination(layout, [Rival(s.name, offered[s.name], s.theta, s.evidence) for s in found.suspects], noise)
+    limits = replace(LIMITS, budget_min=480.0)
+    gap = {plan.name: rated.expected(plan).gap for plan in plans(limits)}
+    best = max(gap, key=gap.get)
+    assert "reversals" in best
+    assert gap[best] > 2.0 * max(value for name, value in gap.items() if "reversals" not in name)
+
+
 def strongest_other(rivals, truth):
     return next(rival.name for rival in rivals if rival.name != truth)
 

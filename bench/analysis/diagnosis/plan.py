@@ -1,8 +1,8 @@
 """Profiles that could be run next: ramps and soaks within what the chamber can do, written as the bench's YAML.
 
-A library of five kinds (minor loops, loops with rests, steps, another rate, long soaks), its temperatures and rates
-tuned to the range and the rates of this chamber. Set points never jump, so a prediction needs no more of the
-chamber than its lag.
+A library of six kinds (minor loops, loops with rests, steps, another rate, long soaks, many reversals), its
+temperatures and rates tuned to the range and the rates of this chamber. Set points never jump, so a prediction needs no
+more of the chamber than its lag.
 """
 
 from __future__ import annotations
@@ -131,6 +131,7 @@ _SHARES = (0.83, 0.54, 0.96, 0.37, 0.54, 0.08, 0.33, 0.21, 0.5)
 _LOOPS = "soaks end effects that follow dT/dt, reversals show effects with memory"
 _CYCLE = "another rate changes effects that follow dT/dt, and does not change a hysteresis"
 _STEPS = "a soak after each step ends effects that follow dT/dt and leaves effects with memory"
+_REVERSALS = "what lags behind the temperature shows at each reversal, and there are many, without rests"
 _SOAKS = "in long soaks only effects that take hours continue"
 
 
@@ -168,15 +169,30 @@ def plans(limits: ChamberLimits) -> list[Plan]:
         ),
         _through(limits, ("large_steps", _STEPS), (0.9, 0.3, 0.7, 0.1, 0.5), (25.0,)),
         _through(limits, ("fast_cycle", _CYCLE), (0.08, 1.0, 0.5), (15.0,)),
-        _through(limits, ("slow_cycle", _CYCLE), (0.0, 1.0, 0.5), (15.0,), 0.4),
         _through(limits, ("long_soaks", _SOAKS), (1.0, 0.5), (120.0,)),
     ]
+    for half in (0.1, 0.2):
+        called = f"loops_of_{2 * half:.0%}_at_{limits.at(0.5):g}_degC".replace("%", "_percent")
+        library.append(_through(limits, (called, _LOOPS), (*(0.5 + half, 0.5 - half) * 4, 0.5), (12.0,)))
+    for forth, back in ((0.25, 0.125), (0.25, 0.16), (0.2, 0.13)):
+        shares = _back_and_forth(forth, back)
+        library.append(_through(limits, (f"{len(shares)}_reversals", _REVERSALS), shares, (0.0,)))
     for centre in (0.3, 0.5, 0.7):
-        for half in (0.1, 0.2):
-            called = f"loops_of_{2 * half:.0%}_at_{limits.at(centre):g}_degC".replace("%", "_percent")
-            library.append(_through(limits, (called, _LOOPS), (*(centre + half, centre - half) * 4, 0.5), (12.0,)))
+        called = f"reversals_at_{limits.at(centre):g}_degC"
+        library.append(_through(limits, (called, _REVERSALS), (*(centre + 0.08, centre - 0.08) * 16, 0.5), (0.0,)))
     affordable = [plan for plan in library if plan.duration_s <= 60.0 * limits.budget_min]
     return affordable or [min(library, key=lambda plan: plan.duration_s)]
+
+
+def _back_and_forth(forth: float, back: float) -> tuple[float, ...]:
+    """Shares of the range: from the middle to either end and to the middle, always so far forth and some of it back."""
+    shares, at = [], 0.5
+    for end, way in ((0.98, 1.0), (0.05, -1.0), (0.5, 1.0)):
+        while way * (end - at) > forth:
+            shares += [at + way * forth, at + way * (forth - back)]
+            at = shares[-1]
+        shares.append(at := end)
+    return tuple(shares)
 
 
 def _through(

@@ -75,7 +75,7 @@ export function reasons(next) {
   const [after, often] = [next.probability_after, next.probability_after_repeats].map(percent);
   if (!next.decides) return [t("workbench.why.hopeless", { percent: often })];
   return [
-    t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks/)[0]}`),
+    t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks|reversals/)[0]}`),
     ...(often === after ? [] : [t("workbench.why.again", { percent: often })]),
   ];
 }
