@@ -115,17 +115,18 @@ def test_an_effect_that_unseen_data_do_not_bear_out_is_suspected_and_not_a_headl
 
 
 @pytest.mark.slow
-def test_an_effect_beside_another_that_the_check_run_speaks_against_is_not_found(still):
+@pytest.mark.parametrize("size", [10.0, 20.0])  # less and more evidence than the lag has
+def test_an_effect_beside_another_that_the_check_run_speaks_against_is_not_found(still, size):
     unit = HiddenUnit((LAG,)).at_strength(2.0, "short")
 
     def supplied(run, dph_per_v):
         own = dph_per_v * (run.channel("supply") - run.channel("supply").mean())
         return replace(run, channels={**run.channels, "rate": run.channels["rate"] + own})
 
-    run, check = supplied(unit.run("short", 1), 10.0), unit.run("minor_loops", 2)
-    both = diagnose([run], SPLINE, check=[supplied(check, 10.0)], static=still, candidates=FEW)
+    run, check = supplied(unit.run("short", 1), size), unit.run("minor_loops", 2)
+    both = diagnose([run], SPLINE, check=[supplied(check, size)], static=still, candidates=FEW)
     assert {suspect.effect for suspect in both.found} == {"thermal_lag", "supply_voltage"}
-    one = diagnose([run], SPLINE, check=[supplied(check, -10.0)], static=still, candidates=FEW)
+    one = diagnose([run], SPLINE, check=[supplied(check, -size)], static=still, candidates=FEW)
     assert [suspect.effect for suspect in one.found] == ["thermal_lag"]
 
 

@@ -145,13 +145,13 @@ class Search:
             evidence = self.weigh(layout)
         return tuple(steps)
 
-    def _next(self, layout: Layout, evidence: Evidence, others: int) -> FoundEffect | None:
+    def _next(self, layout: Layout, evidence: Evidence, others: int, dropped: Sequence[str] = ()) -> FoundEffect | None:
         """The effect that beats chance beside `others`, by the run or by the run and the check runs together.
 
         Beside others unseen data must not contradict it: of two effects that the run cannot tell apart one may make up
         for what the other does too much.
         """
-        near = evidence.each_once()[:_LEADERS]
+        near = [one for one in evidence.each_once() if one.effect not in dropped][:_LEADERS]
         bar = max(self.threshold, self._further(near[0])) if near and others else self.threshold
         alike: tuple[str, ...] = ()
         enough = [one for one in near if one.evidence > bar]
@@ -207,13 +207,13 @@ class Search:
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
-        current = list(steps)
+        current, dropped = list(steps), list[str]()
         for step in steps:
             others = [s for s in current if s is not step]
             without = _with(layout, others)
-            evidence = self.weigh(without)
-            best = self._next(without, evidence, len(others))
+            best = self._next(without, self.weigh(without), len(others), dropped)
             current = others if best is None else [*others, best]
+            dropped += [step.suspect.effect] if best is None else []
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
 
 
