@@ -151,12 +151,15 @@ class Search:
         Beside others unseen data must not contradict it: of two effects that the run cannot tell apart one may make up
         for what the other does too much.
         """
-        near = [one for one in evidence.each_once() if one.effect not in dropped][:_LEADERS]
+        near = [one for one in evidence.each_once() if not (others and one.effect in dropped)][:_LEADERS]
         bar = max(self.threshold, self._further(near[0])) if near and others else self.threshold
         alike: tuple[str, ...] = ()
         enough = [one for one in near if one.evidence > bar]
         if others:
             enough = [one for one in enough if not self._contradicted(layout, evidence.point, one, bar)]
+        elif dropped:  # of effects of which each contradicts the others the check runs have a say, too
+            total = self._total(layout, evidence.point, enough)
+            enough = [enough[i] for i in np.argsort([-own for own in total], kind="stable")]
         if not enough:
             enough = self._borne(layout, evidence.point, near)
             alike = tuple(one.effect for one in enough[1:])
