@@ -12,6 +12,7 @@ from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Noise, estimate_noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
+from bench.analysis.noise.lines import without_lines
 from bench.analysis.noise.whitening import Ratios, Whitener, covariance
 from bench.base.errors import InputError
 from bench.record.dataset import Dataset
@@ -40,6 +41,41 @@ def gyro_noise(rng, rows, interval_s, noise=(0.01, 0.03, 0.03)):
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+class TestLines:
+    def still(self, rate):
+        time = np.arange(len(rate)) + 0.5
+        channels = {"rate": rate, "temperature": np.full(len(rate), 25.0)}
+        return Dataset("still", time, channels, np.zeros(len(rate), dtype=np.int64), (), 1.0)
+
+    def test_a_vibration_is_named_with_its_period_and_size_and_is_no_noise(self, rng):
+        rate = gyro_noise(rng, 9000, 1.0)
+        wave = 4.0 * np.sin(2.0 * np.pi * np.arange(9000) / 31.3 + 0.4)
+        shaken = np.where(rng.random(9000) < 0.05, np.nan, rate + wave)
+        alone, shaken = (noise_floor([self.still(each)], 30.0) for each in (rate, shaken))
+        assert alone.lines == ()
+        (line,) = shaken.lines
+        assert line.period_s == pytest.approx(31.3, abs=0.01)
+        assert line.amplitude_dph == pytest.approx(4.0, rel=0.02)
+        assert shaken.floor_dph == pytest.approx(alone.floor_dph, rel=0.05)
+        assert "deg/h with a period of 31.30 s is not counted as noise" in shaken.line_notes[0]
+
+    @pytest.mark.parametrize("colour", ["white", "walk", "flicker", "heavy", "telegraph", "filtered"])
+    def test_noise_of_any_colour_has_no_line(self, rng, colour):
+        found = 0
+        for _ in range(40):
+            noise = rng.normal(size=6000)
+            rate = {
+                "white": lambda x: x,
+                "walk": np.cumsum,
+                "flicker": lambda _: gyro_noise(rng, 6000, 1.0, (0.01, 1.0, 0.0)),
+                "heavy": lambda _: rng.standard_t(2.5, 6000),
+                "filtered": lambda x: lfilter([1.0], [1.0, -0.97], x),
+                "telegraph": lambda x: 0.3 * x + np.cumsum(rng.random(6000) < 0.003) % 2,
+            }[colour](noise)
+            found += bool(without_lines(rate, 1.0)[1])
+        assert found <= 1
 
 
 class TestAllanDeviation:

@@ -52,7 +52,7 @@ KEYS = {
     "compare RUN --model polynomial": COMPARE,
     "compare RUN --model polynomial --every-sample": f"{COMPARE} samples seconds",
     "noise RUN": """runs angle_random_walk bias_instability rate_random_walk quantisation rate_ramp correlation_s
-        floor_dph floor_interval_dph floor_duration_s stretches allan""",
+        floor_dph floor_interval_dph floor_duration_s stretches allan lines""",
     "report RUN --model polynomial": REPORT,
     "diagnose RUN --model polynomial": f"{DIAGNOSE} registry",
     "add aging --model spline --out OUT/m.yaml": "model effects",

@@ -10,8 +10,9 @@ import numpy as np
 from bench.analysis.noise.allan import AllanCurve, allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Estimate, Noise, estimate_noise
+from bench.analysis.noise.lines import Line, without_lines
 from bench.analysis.thresholds import CYCLES_DEGC, LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
-from bench.base import BoolArray, FloatArray, InputError, IntArray
+from bench.base import BoolArray, FloatArray, InputError, IntArray, number
 from bench.record import Dataset
 
 _AHEAD_S = 60.0
@@ -39,6 +40,17 @@ class Floor:
     duration_s: float = np.nan
     """Length of the run that it is expected in: slow noise moves a long run further."""
     estimate: Estimate | None = None
+    lines: tuple[Line, ...] = ()
+    """Sinusoids of the stretch that has the largest: they are no noise, and are not in it."""
+
+    @property
+    def line_notes(self) -> tuple[str, ...]:
+        """A sentence for each of them."""
+        return tuple(
+            f"a sinusoid of {number(line.amplitude_dph)} deg/h with a period of {number(line.period_s, 4)} s is not "
+            "counted as noise: vibration, a beat or a control loop"
+            for line in self.lines
+        )
 
 
 def noise_floor(
@@ -60,10 +72,11 @@ def noise_floor(
         return Floor(reason="nothing was captured" if empty else f"no {still}", static=of)
     longest = max(rows.size for _, _, rows in stretches)
     stretches = [one for one in stretches if one[2].size >= _LEAST_SHARE * longest]
-    pieces = [_on_grid(source, rows) for source, _, rows in stretches]
     base_s, duration_s = stretches[0][0].spacing_s, float(np.ptp(runs[0].time))
+    pieces = [_on_grid(source, rows) for source, _, rows in stretches]
+    quiet, lines = zip(*(without_lines(piece.rate, base_s) for piece in pieces), strict=True)
     try:
-        estimate = estimate_noise(pieces, base_s)
+        estimate = estimate_noise([replace(p, rate=rate) for p, rate in zip(pieces, quiet, strict=True)], base_s)
         pairs = zip(stretches, pieces, strict=True)
         curves = tuple((name, allan_deviation(piece.rate, base_s)) for (_, name, _), piece in pairs)
     except InputError as error:
@@ -71,7 +84,10 @@ def noise_floor(
     spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in stretches)
     interval_s = max(interval_s, runs[0].spacing_s)
     floor_dph = estimate.noise.std_of_means(interval_s, duration_s)
-    found = Floor(floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate, duration_s=duration_s)
+    found = Floor(
+        floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate, duration_s=duration_s,
+        lines=max(lines, key=lambda own: max((line.amplitude_dph for line in own), default=0.0)),
+    )  # fmt: skip
     if not intervals:
         return found
     return replace(found, noise=estimate.with_intervals(), interval_dph=estimate.floor_interval(interval_s, duration_s))
