@@ -163,7 +163,7 @@ def plans(limits: ChamberLimits) -> list[Plan]:
     library = [
         minor_loops(limits),
         _through(limits, ("slow_minor_loops", _LOOPS), _SHARES, (15.0,), 0.6),
-        _through(limits, ("minor_loops_with_rests", _LOOPS), (0.8, 0.5, 0.95, 0.4, 0.6, 0.08, 0.3, 0.5), (20.0,)),
+        _through(limits, ("large_loops_with_rests", _LOOPS), _back_and_forth(0.4, 0.2), (15.0,)),
         _through(
             limits, ("steps_of_a_fifth", _STEPS), (0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.4, 0.2, 0.08, 0.5), (25.0,)
         ),
