@@ -383,20 +383,46 @@ def test_what_is_planned_for_later_begins_then_and_lets_others_go_before_it(sett
     assert begun == [first["start"], later["start"]]
 
 
-@pytest.mark.parametrize("digest", ["", "d"], ids=["run", "calibration"])
-def test_what_waits_is_run_by_the_users_station_that_replaced_a_shipped_one_meanwhile(settings, monkeypatch, digest):
-    """Otherwise the recipients, units and guards of the shipped one were those of the run."""
+@pytest.mark.parametrize("change", ["edited", "replaced", "removed"])
+@pytest.mark.parametrize("of", ["station", "profile behind a plan"])
+def test_what_waits_begins_by_the_files_that_were_confirmed_or_says_that_they_changed(
+    settings, monkeypatch, of, change
+):
     spawned = []
-    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, words, who: spawned.append(words) or 1)
+    monkeypatch.setattr(Starts, "_spawn", lambda self, folder, words, who: spawned.append(folder.name) or 1)
     monkeypatch.setattr("bench.web.live.starts.locked", lambda path: False)
     starts = Starts(settings.own, settings.out, settings.project)
     shipped, own = (folder.resolve() / "stations" / "imu.yaml" for folder in (library(), settings.project / "profiles"))
-    order = webstarts.Order(plan="short", station="imu", station_file=shipped, equipment=frozenset({"station imu"}))
-    starts.begin(replace(order, queue=True, digests=[digest]), {"station imu": "another run"})
-    own.write_text(f"{shipped.read_text()}notify: notify.yaml\n")
+    mine = own.with_name("mine.yaml")
+    mine.write_text(shipped.read_text())
+    file = shipped if change == "replaced" else mine
+    more = {"station_file": file} if of == "station" else {"station_file": settings.project, "behind": (file,)}
+    order = webstarts.Order(plan="short", station="imu", equipment=frozenset({"station imu"}), queue=True, **more)
+    first, second = (starts.begin(each, {"station imu": "a run"}) for each in (order, replace(order, behind=())))
+    if change == "removed":
+        mine.unlink()
+    else:
+        (own if change == "replaced" else mine).write_text(f"{shipped.read_text()}notify: notify.yaml\n")
+    told = {one["start"]: one["message"] for one in starts.waiting()}
+    assert told[first["start"]] == (
+        f"{file.name} changed while this waited, so it does not begin; take it out of the queue and start it again"
+    )
     starts.take_up({})
-    (words,) = spawned  # a calibration is known by the texts that it was asked for with
-    assert words[words.index("--station") + 1] == str(shipped if digest else own)
+    starts.take_up({})
+    assert spawned == ([] if of == "station" else [second["start"]]), "the others do not wait for it"
+
+
+def test_a_calibration_that_waits_knows_all_files_behind_its_plan(settings):
+    with served(settings) as client:
+        start = begin(client, unit="SIM-0001", not_before=f"{datetime.now(UTC) + timedelta(days=1):%Y-%m-%dT%H:%MZ}")
+        profile = settings.project / "profiles" / "brief.yaml"
+        profile.write_text(profile.read_text().replace("duration_min: 18", "duration_min: 19"))
+        (waiting,) = client.get("/api/v1/calibrations").json()["waiting"]
+        assert (waiting["start"], waiting["message"][:18]) == (start["start"], "brief.yaml changed")
+        assert (
+            "brief.yaml changed while"
+            in CliRunner().invoke(main, ["queue", "list", "--server", str(client.base_url)]).output
+        )
 
 
 @pytest.mark.parametrize("way", ["starts", "calibrations"])

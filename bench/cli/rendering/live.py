@@ -37,6 +37,7 @@ def _(result: Queue) -> Iterator[str | Table]:
     yield table(
         ["", *titles, say("queue.start")], [_waiting(place, one) for place, one in enumerate(result.waiting, 1)]
     )
+    yield from (f"{one['start']}: {one['message']}" for one in result.waiting if one["message"])
 
 
 def _waiting(place: int, one: Mapping[str, Any]) -> list[object]:

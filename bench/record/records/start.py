@@ -36,6 +36,8 @@ class StartRecord(Record):
     """Ids of the runs that its process made."""
     waiting: tuple[str, ...] = ()
     """Arguments of `bench`, while it waits for its equipment."""
+    files: dict[str, str] = Field(default_factory=dict)
+    """SHA-256 of each file that it was asked for with, by path."""
     turn: str = ""
     """Its place among those that wait, by which they sort; empty: by its name, which sorts by time."""
     not_before: str | None = None

@@ -17,6 +17,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -59,8 +60,9 @@ class Order:
     flashes: Path | None = None
     """Run whose calibration is written into its unit (`bench flash`)."""
     plan_file: Path | None = None
-    """Of a calibration, with the digests of its jobs, one for each unit."""
+    """Of a calibration, with the digests of its jobs, one for each unit, and the files behind it."""
     digests: Sequence[str] = ()
+    behind: Sequence[Path] = ()
     release: str = ""
     """Why a held calibration goes on."""
     anew: bool = False
@@ -87,6 +89,12 @@ class Order:
         words = [word for pair in more for word in pair] + ["--new"] * self.anew
         last = [str(self.profile_file)] if self.profile_file else self.units if self.flashes else []
         return [self._command, "--quiet", "--json", *words, *(["--", *last] if last else [])]
+
+    def files(self) -> list[Path]:
+        """Files that say what it does."""
+        models = [Path(model) for model in self.models if Path(model).is_file()]
+        named = (self.station_file, self.profile_file, self.plan_file, self.limits, *models, *self.behind)
+        return [file for file in named if file is not None]
 
     @property
     def _command(self) -> str:
@@ -143,6 +151,7 @@ class Starts:
                 started=datetime.now(UTC).isoformat(timespec="milliseconds"),
                 runs=(),
                 waiting=tuple(order.arguments(self._out)),
+                files={str(file): _digest(file) for file in order.files()},
                 not_before=None if order.not_before is None else order.not_before.isoformat(timespec="seconds"),
                 pid=None,
             )
@@ -157,21 +166,25 @@ class Starts:
             return self._told(folder)
 
     def _go(self, folder: Path, about: StartRecord) -> None:
-        # A calibration is known by the texts that it was asked for with.
-        words = list(about.waiting) if about.digest else [self._of_now(word) for word in about.waiting]
-        pid = self._spawn(folder, words, about.who)
+        pid = self._spawn(folder, list(about.waiting), about.who)
         self._write(folder, about.model_copy(update={"pid": pid, "waiting": ()}))
 
-    def _of_now(self, word: str) -> str:
-        """A file that is asked for, or the user's own one that has taken the place of a shipped one while it waited."""
+    def _changed(self, about: StartRecord) -> str:
+        """What has become of the files that somebody confirmed, while it waited; empty where they are the same."""
+        files = [path for path, digest in about.files.items() if _digest(self._of_now(Path(path))) != digest]
+        if not files:
+            return ""
+        names = ", ".join(Path(path).name for path in files)
+        return f"{names} changed while this waited, so it does not begin; take it out of the queue and start it again"
+
+    def _of_now(self, file: Path) -> Path:
+        """A file, or the user's own one that has taken the place of a shipped one."""
         shipped = library().resolve()
-        if Path(word).is_relative_to(shipped):
-            own = self._project / "profiles" / Path(word).relative_to(shipped)
-            return str(own.resolve()) if own.is_file() else word
-        return word
+        own = self._project / "profiles" / file.relative_to(shipped) if file.is_relative_to(shipped) else file
+        return own if own.is_file() else file
 
     def take_up(self, in_use: Mapping[str, str]) -> None:
-        """Start what waits for equipment that is free now, in their turn; nothing before its time."""
+        """Start what waits for equipment that is free now, in their turn; nothing before its time, or changed since."""
         with self._lock:
             waiting = self._in_turn()
             self._waiting = {*waiting}
@@ -180,6 +193,8 @@ class Starts:
             taken = {*in_use, *self.in_use()}
             for name, about in waiting.items():
                 if about.not_before is not None and datetime.fromisoformat(about.not_before) > self._now():
+                    continue
+                if self._changed(about):
                     continue
                 if not taken & {*about.equipment}:
                     self._go(self._folder / name, about)
@@ -325,6 +340,8 @@ class Starts:
             return {}
         alive = _alive(folder)  # before the files, so that nothing the process wrote is missed
         told = {**_facts(about), **outcome(folder, about, alive, self._out, self._project)}
+        if told["state"] == "waiting":
+            told["message"] = self._changed(about)
         if told["state"] in {"ended", "refused"}:
             self._ended[folder.name] = told
         return told
@@ -350,7 +367,15 @@ def _about(folder: Path) -> StartRecord | None:
 
 def _facts(about: StartRecord) -> dict[str, Any]:
     """As the page's API tells it."""
-    return about.model_dump(mode="json", exclude={"format", "waiting"})
+    return about.model_dump(mode="json", exclude={"format", "waiting", "files"})
+
+
+def _digest(file: Path) -> str:
+    """SHA-256 of a file; empty where it cannot be read."""
+    try:
+        return sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return ""
 
 
 def _alive(folder: Path) -> bool:

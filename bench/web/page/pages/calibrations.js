@@ -2,6 +2,7 @@
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, post, remove, url } from "../lib/api.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { serialOf } from "../lib/units.js";
 import { moment, t } from "../lib/words.js";
@@ -39,7 +40,8 @@ function List() {
   return html`<div class="page stack"><h1>${t("nav.calibrations")}</h1>
     <${Trouble} error=${error} />
     ${listed.waiting.length > 0 && html`<section aria-labelledby="queue"><h2 id="queue">${t("job.queue")}</h2>
-      <ol class="queue">${listed.waiting.map((start, index) => html`<li key=${start.start} class="row spread"><span><b class="mono">${units(start)}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${stationName(start.station)} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span></span>
+      <ol class="queue">${listed.waiting.map((start, index) => html`<li key=${start.start} class="row spread"><span><b class="mono">${units(start)}</b> ${start.digest ? planOf(start.plan) : planTitle({ id: start.plan, title: start.plan })} <span class="soft">${stationName(start.station)} · ${start.who.name}${start.not_before && ` · ${t("job.not_before", { time: moment(start.not_before) })}`}</span>
+        ${start.message && html`<span class="tone-warn small" role="status"><br /><${Said} text=${start.message} /></span>`}</span>
         ${may("operator") && html`<span class="row">${last > 0 && [["job.earlier", "↑", -1, 0], ["job.later", "↓", 1, last]].map(([key, sign, by, end]) => html`<button type="button" key=${key} class="narrow" disabled=${index === end}
             title=${t(key)} aria-label=${`${t(key)}: ${units(start)}`} onClick=${() => change(post(url`/starts/${start.start}/move`, { by }))}>${sign}</button>`)}
           <button type="button" class="narrow" onClick=${() => change(remove(url`/starts/${start.start}`))}>${t("job.give_up")}<span class="unseen"> ${units(start)}</span></button></span>`}</li>`)}</ol></section>`}
