@@ -143,7 +143,7 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     assert "other_1" in pq.read_schema(next(folder.glob("IMP-7/*/data.parquet"))).names
     page.get_by_role("link", name="History of IMP-7").click()
     page.get_by_role("cell", name="Import", exact=True).wait_for()
-    page.get_by_role("cell", name="Import: лог 7.csv").wait_for()
+    page.get_by_role("cell", name="Import: лог-7").wait_for()
 
 
 def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tmp_path):

@@ -65,6 +65,18 @@ def test_a_report_on_a_verification_does_not_take_the_place_of_its_verdict(site,
     page.get_by_role("heading", name="FAIL").wait_for()
 
 
+def test_a_verdict_is_dark_on_white_paper_also_from_a_dark_page(site, visitors):
+    address, out = site
+    folder = ended(out, "20261121T090000Z_ramp")
+    page = visitors.come(address, scheme="dark")
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    page.get_by_role("heading", name="NOT ANALYSED").wait_for()
+    shown = "(color) => getComputedStyle(document.querySelector('.verdict-sentence')).color === color"
+    page.wait_for_function(shown, arg="rgb(232, 237, 241)")
+    page.emulate_media(media="print")
+    page.wait_for_function(shown, arg="rgb(20, 32, 43)")
+
+
 def test_the_longest_verdict_does_not_break_within_a_word_on_a_telephone(site, visitors):
     address, out = site
     folder = ended(out, "20261121T090000Z_ramp")

@@ -16,7 +16,7 @@ from bench.base import library
 from bench.commands import load_station
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.steps import STEP_NAMES
-from bench.record import Verdict
+from bench.record import Verdict, slug
 from tests.support.page_modules import SOURCE, catalogue, told
 
 LANGUAGES = ("en", "uk", "zh")
@@ -337,6 +337,25 @@ def test_a_measured_value_keeps_its_digits_and_a_given_one_has_no_more_than_it_w
     assert told("lib/words.js", call.format("sig"), values) == measured
     limits = [0.5, 2.0, 0.0005, -40.0]
     assert told("lib/words.js", call.format("asGiven"), limits) == ["0.5", "2", "0.0005", "−40"]
+
+
+def test_a_time_that_is_expected_is_told_in_whole_minutes() -> None:
+    times = spoken("lib/words.js", "forecast", [45, 599, 2893, 3580, 18600, None], "en")
+    assert [time.replace("\u00a0", " ") for time in times] == [
+        "45 s", "9 min 59 s", "48 min", "1 h 00 min", "5 h 10 min", "–",
+    ]  # fmt: skip
+
+
+def test_an_import_has_one_name_whether_its_file_or_its_folder_is_asked() -> None:
+    runs = [{"profile": profile} for profile in ("import of лог 7 (2).csv", f"import_{slug('лог 7 (2)')}")]
+    assert spoken("lib/names.js", "planName", runs, "en") == ["Import: лог-7-2"] * 2
+
+
+def test_a_step_that_ended_with_warnings_is_no_good_one() -> None:
+    step = {"name": "check", "state": "done", "cases": [], "facts": {"warnings": []}, "verdict": None}
+    script = "console.log(JSON.stringify(given.map((step) => page.stepTone(step, {state: 'running'}))))"
+    steps = [step, {**step, "facts": {"warnings": ["no lot"]}}]
+    assert told("pages/calibrations/words.js", script, steps) == ["good", "warn"]
 
 
 def test_a_finding_is_a_sentence_on_the_page() -> None:

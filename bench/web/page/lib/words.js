@@ -147,6 +147,12 @@ export function duration(seconds) {
   return lasting("time.h_min", { h: String(Math.floor(minutes / 60)), min: two(minutes % 60) });
 }
 
+/** A time that is expected: from ten minutes on in whole minutes. */
+export function forecast(seconds) {
+  const rounded = seconds >= 600 ? 60 * Math.round(seconds / 60) : seconds;
+  return rounded >= 600 && rounded < 3600 ? lasting("time.min", { min: String(rounded / 60) }) : duration(rounded);
+}
+
 /** Both ends of a range in one line; the unit is in the second one. */
 export const between = (from, to) => inOneLine(`${from} … ${to}`);
 

@@ -15,6 +15,7 @@ export const passedOver = (step) => step.cases.some(({ name, skipped }) => skipp
 
 /** Tone of a step: that of its verdict, else of its state; a step that was begun does not go on where nobody works on it. */
 export function stepTone(step, job) {
+  if (step.state === "done" && step.facts?.warnings?.length) return "warn";
   if (step.state === "done") return passedOver(step) ? "idle" : step.verdict ? verdictTone(step.verdict) : "good";
   return step.state === "begun" && job.state !== "running" ? "bad" : STEPS[step.state];
 }

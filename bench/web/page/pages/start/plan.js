@@ -1,7 +1,7 @@
 // Choice of the plan: each with its temperature curve, duration and purpose.
 import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
-import { between, degrees, duration, number, t } from "../../lib/words.js";
+import { between, degrees, forecast, number, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 import { isOffered, planPurpose, planTitle } from "../../lib/names.js";
 
@@ -45,7 +45,7 @@ function PlanCard({ plan, choose }) {
   return html`<button type="button" class="plan" onClick=${choose}>
     <strong>${planTitle(plan)}</strong>
     <${Curve} curve=${plan.curve} />
-    <span class="facts figures"><b>${t("plan.takes", { time: duration(plan.nominal_s) })}</b><span>${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</span></span>
+    <span class="facts figures"><b>${t("plan.takes", { time: forecast(plan.nominal_s) })}</b><span>${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</span></span>
     <span class="purpose soft"><${Said} text=${planPurpose(plan)} /></span>
   </button>`;
 }

@@ -6,7 +6,7 @@ import { navigate } from "../../lib/router.js";
 import { startRun } from "../../lib/starts.js";
 import { remembered } from "../../lib/store.js";
 import { serialOf } from "../../lib/units.js";
-import { between, degrees, duration, inOneLine, language, number, t } from "../../lib/words.js";
+import { between, degrees, forecast, inOneLine, language, number, t } from "../../lib/words.js";
 import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
@@ -93,8 +93,8 @@ function Facts({ plan, result, station, units }) {
   return html`<dl class="ready-facts">
     <div><dt>${t("ready.unit", { n: units.length })}</dt><dd class="mono">${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(serialOf).join(", ")}</dd></div>
     <div><dt>${t("ready.plan")}</dt><dd>${planTitle(plan)}</dd></div>
-    <div><dt>${t("ready.takes")}</dt><dd class="figures">${duration(time_s)}</dd>
-      ${duration(time_s) !== duration(plan.nominal_s) && html`<dd class="more">${t("ready.nominal", { time: duration(plan.nominal_s) })}</dd>`}<dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
+    <div><dt>${t("ready.takes")}</dt><dd class="figures">${forecast(time_s)}</dd>
+      ${forecast(time_s) !== forecast(plan.nominal_s) && html`<dd class="more">${t("ready.nominal", { time: forecast(plan.nominal_s) })}</dd>`}<dd class="more">${station.simulated ? t("ready.simulated") : t("ready.ends", { time: ends })}</dd></div>
     <div><dt>${t("ready.range")}</dt><dd class="figures">${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</dd></div>
   </dl>`;
 }
