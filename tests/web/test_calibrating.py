@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from bench.base import InputError, library, read_yaml
+from bench.base import InputError, library, parse_yaml, read_yaml
 from bench.cli import main
 from bench.commands import Order
 from bench.commands.calibration.calibrate import calibrate, calibrate_all
@@ -279,6 +279,22 @@ def test_a_form_does_not_write_over_what_somebody_else_filled_in_meanwhile(setti
         broken = client.get("/api/v1/stations/bare/papers").json()["laboratory"]
         assert (bool(broken["problem"]), broken["content"]) == (True, None)
         assert client.put(paper, json={"content": mine, "digest": broken["digest"]}).status_code == 200
+
+
+def test_a_form_has_the_digest_of_the_text_that_it_shows(settings, monkeypatch):
+    file = settings.project / "profiles" / "laboratory" / "station_bare.yaml"
+
+    def changed_meanwhile(text, name):
+        file.write_text(f"{text}place: Kyiv\n")
+        return parse_yaml(text, name)
+
+    with served(settings) as client:
+        client.put("/api/v1/stations/bare/papers/laboratory", json={"content": LABORATORY, "digest": ""})
+        monkeypatch.setattr("bench.web.plans.papers.parse_yaml", changed_meanwhile)
+        opened = client.get("/api/v1/stations/bare/papers").json()["laboratory"]
+        monkeypatch.undo()
+        answer = client.put("/api/v1/stations/bare/papers/laboratory", json={**opened, "content": LABORATORY})
+    assert (answer.status_code, "place: Kyiv" in file.read_text()) == (409, True)
 
 
 def test_a_form_never_writes_outside_the_project(settings, tmp_path):

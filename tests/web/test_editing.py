@@ -120,6 +120,20 @@ def test_a_file_of_recipients_among_others_is_listed_nowhere_and_shows_nobody_it
     assert (over.status_code, file.read_text()) == (409, text)
 
 
+@pytest.mark.parametrize("kind", ["laboratory", "equipment"])
+def test_papers_beside_stations_and_plans_are_no_broken_station_or_plan(bench, kind):
+    """docs/howto/delivery.md puts them there."""
+    client, project = bench
+    text = (library() / kind / "simulated.yaml").read_text()
+    for place in ("stations", "plans"):
+        (project / "profiles" / place / f"my_{kind}.yaml").write_text(text)
+    (project / "profiles" / "stations" / "half.yaml").write_text("name: half\nlaboratory: mine\nunits: []\n")
+    listed = [client.get(f"/api/v1/{each}").json() for each in ("files", "stations", "calibration-plans")]
+    assert f"my_{kind}" not in str(listed)
+    (half,) = [station for station in listed[1]["stations"] if station["id"] == "half"]
+    assert half["problem"]
+
+
 def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
     client, project = bench
     opened = client.get("/api/v1/files/profiles/quick").json()

@@ -36,6 +36,8 @@ from drivers.errors import DriverError
 MOST_CORNERS = 256
 """Greatest number of corners of a curve; longer ones are thinned."""
 T = TypeVar("T")
+_RECIPIENTS = rb"""^[^#\n]*\brecipients["']?\s*:"""
+_PAPERS, _NAMES_PAPERS = rb"^(laboratory|equipment)\s*:", rb"^(chamber|units|profile)\s*:"
 
 
 @dataclass(frozen=True)
@@ -95,19 +97,24 @@ class Catalog:
 
 
 def _listing(*folders: Path) -> dict[str, Path]:
-    """YAML files by name, sorted; later folders replace earlier ones. Files with passwords are not among them."""
+    """YAML files by name, sorted; later folders replace earlier ones. Those that others name are left out."""
     found = {file.stem: file for folder in folders if folder.is_dir() for file in folder.glob("*.yaml")}
     return {
         name: found[name].resolve()
         for name in sorted(found)
-        if found[name].is_file() and is_text(name) and not _has_recipients(found[name])
+        if found[name].is_file() and is_text(name) and not _is_named_by_others(found[name])
     }
 
 
-def _has_recipients(path: Path) -> bool:
-    """Whether a file is, or was meant to be, one that a station's `notify` names; no other kind has such a key."""
+def _is_named_by_others(path: Path) -> bool:
+    """Whether a file is, or was meant to be, one that a station or a plan names: recipients, laboratory or equipment.
+
+    No other kind has recipients, which have passwords; what names papers has a chamber, units or a profile.
+    """
     with contextlib.suppress(OSError):  # who opens it is told why it cannot be read
-        return re.search(rb"""^[^#\n]*\brecipients["']?\s*:""", path.read_bytes(), re.MULTILINE) is not None
+        text = path.read_bytes()
+        papers, other = (re.search(key, text, re.MULTILINE) for key in (_PAPERS, _NAMES_PAPERS))
+        return re.search(_RECIPIENTS, text, re.MULTILINE) is not None or (papers is not None and other is None)
     return False
 
 

@@ -73,7 +73,7 @@ def file(kind: Kind, id: Id, here: Here) -> Text:
     """A file as text; 400 where there is none."""
     path = named(_files(kind, here), id, kind)
     text = read_text(path)
-    return Text(text=text, own=_is_own(path, here), digest=_digest(text))
+    return Text(text=text, own=_is_own(path, here), digest=text_digest(text))
 
 
 @router.post("/files/{kind}/{id}/checks", status_code=202)
@@ -99,7 +99,7 @@ def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
         raise HTTPException(400, one_line("\n".join(told)))
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, saved.text.encode())
-    return Text(text=saved.text, own=True, digest=_digest(saved.text))
+    return Text(text=saved.text, own=True, digest=text_digest(saved.text))
 
 
 def _files(kind: str, here: Settings) -> dict[str, Path]:
@@ -116,16 +116,12 @@ def _is_own(path: Path, here: Settings) -> bool:
     return path.is_relative_to((here.project / "profiles").resolve())
 
 
-def _digest(text: str) -> str:
+def text_digest(text: str) -> str:
+    """Names the state of a file by its text."""
     return sha256(text.encode()).hexdigest()
 
 
-def file_digest(path: Path | None) -> str:
-    """Names the state of a file; empty where there is none. InputError where it cannot be read."""
-    return "" if path is None or not path.is_file() else _digest(read_text(path))
-
-
 def refuse_changed(path: Path | None, opened: str, what: str) -> None:
-    """HTTPException 409 where a file is not as it was when it was `opened`."""
-    if file_digest(path) != opened:
+    """HTTPException 409 where a file is not as it was when it was `opened`: its digest, empty where there was none."""
+    if opened != ("" if path is None or not path.is_file() else text_digest(read_text(path))):
         raise HTTPException(409, f"{what} has changed since it was opened: copy your text, and open it again")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +11,7 @@ from fastapi import APIRouter, HTTPException
 from fastapi import Path as Part
 from pydantic import BaseModel, Field
 
-from bench.base import Document, InputError, dump, parse_yaml, read_yaml
+from bench.base import Document, InputError, dump, parse_yaml, read_text
 from bench.commands import PAPERS, Papers, own_paper
 from bench.deliver import load_instruments, load_laboratory
 from bench.record import write_atomically
@@ -21,7 +20,7 @@ from bench.web.ground.settings import Here, Settings
 from bench.web.people.access import Engineer
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
-from bench.web.plans.editing import file_digest, refuse_changed
+from bench.web.plans.editing import refuse_changed, text_digest
 
 router = APIRouter(tags=["plans"])
 Kind = Literal["laboratory", "equipment"]
@@ -64,16 +63,19 @@ def papers(station: Station, here: Here) -> PapersOfStation:
     found: dict[str, Paper] = {}
     for kind in PAPERS:
         home = here.project / "profiles"
-        own = own_paper(kind, settings, home)
+        own, digest = own_paper(kind, settings, home), ""
         try:
-            given = read_yaml(own) if own.is_file() else getattr(Papers.of_station(settings, home), kind)
+            if own.is_file():
+                text = read_text(own)
+                digest = text_digest(text)
+                given = parse_yaml(text, own)
+            else:
+                given = getattr(Papers.of_station(settings, home), kind)
             file = given and within(here.project, str(given.file))
-            found[kind] = Paper(file=file, content=given and given.content)
+            found[kind] = Paper(file=file, content=given and given.content, digest=digest)
         except InputError as error:
             problem = within(here.project, one_line(str(error)))
-            found[kind] = Paper(file=within(here.project, str(own)), content=None, problem=problem)
-        with suppress(InputError):  # the problem says so
-            found[kind].digest = file_digest(own)
+            found[kind] = Paper(file=within(here.project, str(own)), content=None, digest=digest, problem=problem)
     return PapersOfStation(station=station, **found)
 
 
@@ -94,7 +96,7 @@ def fill_in(station: Station, kind: Kind, filled: Filled, here: Here, who: Engin
         raise InputError(re.sub(rf"(?m)^{re.escape(file.name)}:(?:\d+:)? ", "", str(error))) from None
     file.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(file, document.text.encode())
-    return Paper(file=within(here.project, str(file)), content=content, digest=file_digest(file))
+    return Paper(file=within(here.project, str(file)), content=content, digest=text_digest(document.text))
 
 
 def _head(kind: str) -> str:
