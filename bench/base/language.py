@@ -75,14 +75,15 @@ def in_own(text: str) -> str:
 
 @cache
 def _patterns() -> list[tuple[re.Pattern[str], list[str]]]:
-    """Sentences as patterns, those with the most letters first."""
+    """Sentences as patterns: what follows the name of a file, then those with the most letters first."""
     places, made = _catalogue()["rules"]["places"], []
     for english, own in sentences().items():
         parts = re.split(r"\{(\w+)\}", english)
         named = (f"(?P<{name}>{places.get(name, places[''])})" for name in parts[1::2])
         source = "".join(map(str.__add__, map(re.escape, parts[::2]), [*named, ""]))
-        made.append((sum(map(len, parts[::2])), re.compile(source), own))
-    return [(pattern, own) for _, pattern, own in sorted(made, key=lambda one: -one[0])]
+        weight = (english.startswith("{at}: "), sum(map(len, parts[::2])))
+        made.append((weight, re.compile(source), own))
+    return [(pattern, own) for _, pattern, own in sorted(made, key=lambda one: one[0], reverse=True)]
 
 
 @cache

@@ -141,6 +141,10 @@ SAMPLES = [
      "`certificate: false` calibrates without one", "uk",
      "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
      "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
+    ("brief.yaml: longest soak is 10 min: the noise floor is read where the unit stands still for 5 min, which takes a "
+     "soak of about 15 min", "uk",
+     "brief.yaml: найдовша витримка 10 хв: рівень шуму визначають там, де виріб стоїть 5 хв, а це витримка приблизно "
+     "15 хв"),
     ("no stations 'time'; there are imu, rate, short", "uk", "немає «time»; є: imu, rate, short"),
     ("20261127T172726Z_ramp: the unit corrected its rate itself during this run: it is a verification and cannot be "
      "fitted or checked against; use runs of the raw rate", "uk",

@@ -130,6 +130,12 @@ def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page.get_by_role("button", name="Abort …").tap()
     page.get_by_role("button", name="Abort the run").tap()
     page.get_by_text("It can go on from there").wait_for()
+    page.get_by_role("link", name="Repeat").tap()
+    page.get_by_text(
+        "GX-0815: a calibration by this plan was begun before (Stopped); START begins a new one."
+    ).wait_for()
+    page.get_by_role("checkbox", name="Begin again with the first step").tap()
+    page.get_by_text("(Stopped); START goes on with it.").wait_for()
     page.goto("/calibrations")
     page.get_by_role("link", name="GX-0815").wait_for()
     picture(page, "calibrations-tablet")

@@ -12,7 +12,7 @@ from bench.base import InputError, library, parse_yaml, read_yaml
 from bench.cli import main
 from bench.commands import Order
 from bench.commands.calibration.calibrate import calibrate, calibrate_all
-from bench.commands.calibration.job import Case, Done
+from bench.commands.calibration.job import Case, Done, JobFile
 from bench.record import StartRecord
 from bench.web.ground.settings import Settings
 from bench.web.live import starts as webstarts
@@ -105,6 +105,17 @@ def test_the_check_of_a_calibration_refuses_what_its_start_would(settings):
         answer = client.get(f"/api/v1/jobs/{job}?wait_s=20").json()
         assert "named twice" in json.dumps(answer)
         assert answer["state"] == "failed" or not answer["result"]["ok"]
+
+
+def test_the_check_says_that_the_calibration_before_was_cut_off(settings):
+    plan, station = settings.project / "profiles/plans/brief.yaml", settings.project / "profiles/stations/bare.yaml"
+    order = Order.load(plan, station, "GX-0815@BARE-1", settings.out)
+    folder = JobFile.create(settings.out / "GX-0815", order.serial, "brief", order.digest()).folder
+    asked = {"plan": "brief", "station": "bare", "unit": "GX-0815@BARE-1"}
+    with served(settings) as client:
+        job = client.post("/api/v1/calibrations/checks", json=asked).json()["job"]
+        found = client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"]
+    assert found["begun"] == {"job": f"GX-0815/{folder.name}", "state": "interrupted"}
 
 
 def test_the_check_of_a_calibration_refuses_an_error_of_the_wire(settings):

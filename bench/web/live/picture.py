@@ -123,6 +123,7 @@ class Again(BaseModel):
     plan: str
     station: str | None
     units: list[str]
+    limits: str | None = None
 
 
 class Run(BaseModel):

@@ -13,6 +13,9 @@ from bench.web.live.finding import ids
 from bench.web.plans import catalog
 from drivers.errors import DriverError
 
+_ANSWERS = ("plan", "station", "units", "limits")
+"""What was chosen for a run on the page."""
+
 
 def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
     """The constant part of the answer of `/live`; `start`: the start, if the page started the run."""
@@ -30,7 +33,7 @@ def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
         "start": start["start"] if start else None,
         "who": start["who"] if start else None,
         "job": job_of(live.path),
-        "again": {key: start[key] for key in ("plan", "station", "units")} if start and not start["digest"] else None,
+        "again": {key: start.get(key) for key in _ANSWERS} if start and not start["digest"] else None,
         "nominal_s": 0.0,
         "segments_s": [],
         "curve": [],

@@ -20,6 +20,7 @@ from bench.commands import (
     JobFile,
     Order,
     Papers,
+    at_work,
     before_opening,
     check_on,
     check_order,
@@ -274,7 +275,7 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
         "duration_s": sum(profile.duration_s for profile in profiles),
         "curve": curve(*profiles),
         "segments": [],
-        "begun": None if job is None else {"job": f"{job.folder.parent.name}/{job.folder.name}", "state": job.state},
+        "begun": job and _begun(job),
     }
     try:
         warnings = check_order(order)
@@ -283,6 +284,11 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
         found = [{"level": "error", "text": text, "line": None} for text in said.splitlines()]
         return {**told, "ok": False, "findings": found}
     return {**told, "ok": True, "findings": [{"level": "warning", "text": text, "line": None} for text in warnings]}
+
+
+def _begun(job: JobFile) -> dict[str, str]:
+    state = "interrupted" if job.state == "running" and not at_work(job.folder) else job.state
+    return {"job": f"{job.folder.parent.name}/{job.folder.name}", "state": state}
 
 
 def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:

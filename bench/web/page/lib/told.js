@@ -19,8 +19,9 @@ function pattern(english) {
   return { regex: whole(source), weight: parts.filter((_, i) => i % 2 === 0).join("").length };
 }
 
-const sentences = Object.entries(known).map(([english, own]) => ({ ...pattern(english), own }));
-sentences.sort((one, other) => other.weight - one.weight);
+const sentences = Object.entries(known).map(([english, own]) => ({ ...pattern(english), at: english.startsWith("{at}: "), own }));
+// First what follows the name of a file: no other sentence may take the name for a part of itself.
+sentences.sort((one, other) => Number(other.at) - Number(one.at) || other.weight - one.weight);
 
 /** A number or a name with an underscore, as the language writes it; null for any other text. */
 function plain(text, column) {

@@ -107,14 +107,19 @@ function Ending({ job }) {
   return job.state === "waiting" && html`<p role="status">${t("job.waits")}</p>`;
 }
 
+/** The start page with the same answers, for a calibration that begins at its first step. */
+function Repeat({ job: { start } }) {
+  const answers = start && new URLSearchParams({ unit: start.units.join(","), station: start.station, calibration: start.plan, anew: "true" });
+  return may("operator") && start && html`<a class="button" href=${`/start?${answers}`}>${t("verdict.repeat")}</a>`;
+}
+
 function Ended({ job }) {
-  const again = job.start && `/start?unit=${encodeURIComponent(job.start.units.join(","))}&station=${encodeURIComponent(job.start.station)}&calibration=${encodeURIComponent(job.start.plan)}`;
   return html`<section class=${`notice ${toneOf(job)}`} role="status"><p class="job-word"><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></p>
     <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${job.sentence} /></p></section>
   <div class="verdict-ways">
     ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
     ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a>`}
-    ${may("operator") && again && html`<a class="button" href=${again}>${t("verdict.repeat")}</a>`}
+    <${Repeat} job=${job} />
     <a class="button" href=${`/units/${encodeURIComponent(job.unit)}`}>${t("verdict.unit")}</a>
   </div>`;
 }
@@ -145,7 +150,8 @@ function Held({ job }) {
     ${may("operator") && html`<form class="stack" onSubmit=${submit}><${OperatorField} />
       <div class="field"><label for="reason">${t("job.reason")}</label><textarea id="reason" rows="3" maxlength="500" value=${reason} onInput=${(event) => setReason(event.target.value)}></textarea></div>
       <${Trouble} error=${error} />
-      <button type="submit" class="go" disabled=${busy || !reason.trim()}>${t("job.release")}</button></form>`}`;
+      <button type="submit" class="go" disabled=${busy || !reason.trim()}>${t("job.release")}</button></form>
+      <div class="verdict-ways"><${Repeat} job=${job} /></div>`}`;
 }
 
 function Stopped({ job }) {
@@ -158,5 +164,6 @@ function Stopped({ job }) {
     ${may("operator") && html`<div class="verdict-ways">
       ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}${all.length > 1 && `${sign(": ")}${all.join(", ")}`}</button>`}
       ${papers && html`<a class="button" href=${`/laboratory?station=${encodeURIComponent(job.start.station)}`}>${t("papers.title")}</a>`}
+      <${Repeat} job=${job} />
       <a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a></div>`}`;
 }

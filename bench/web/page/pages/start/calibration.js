@@ -8,10 +8,10 @@ const LOOK_MS = 300;
 const PATIENCE_MS = 120000;
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
-/** Begin the calibrations of all units together, those that have ended before as new ones; the address of the first, null where it waits. */
-export async function beginAll({ calibration, station, units }, begun, more) {
+/** Begin the calibrations of all units together, those that have ended before, or all of them `anew`, as new ones; the address of the first, null where it waits. */
+export async function beginAll({ calibration, station, units, anew }, begun, more) {
   const starts = [];
-  const over = (unit) => begun[unit]?.state === "ended";
+  const over = (unit) => (anew && unit in begun) || begun[unit]?.state === "ended";
   const groups = [units.filter((unit) => !over(unit)), units.filter(over)].filter((group) => group.length);
   for (const [index, [unit, ...others]] of groups.entries()) {
     starts.push(await post("/calibrations", { plan: calibration, station, unit, others, anew: over(unit), ...more, queue: more.queue || index > 0 }));
@@ -30,10 +30,13 @@ export async function address(start) {
   throw new ApiError(504, t("ready.no_word"));
 }
 
-/** Calibrations of these units by this plan that were begun before. */
-export function Begun({ begun = {} }) {
-  return Object.entries(begun).map(([unit, { job, state }]) => html`<div key=${unit} class="notice warn">
-    <p>${t(state === "ended" ? "ready.again" : "ready.goes_on", { serial: serialOf(unit), state: or(`job.state.${state}`, state) })} <a href=${`/calibrations/${job}`}>${t("ready.show")}</a></p></div>`);
+/** Calibrations of these units by this plan that were begun before; those that have not ended go on, or are begun `anew`. */
+export function Begun({ begun = {}, anew, setAnew }) {
+  const known = Object.entries(begun);
+  const word = (state) => (state === "ended" ? "ready.again" : anew ? "ready.begins_anew" : "ready.goes_on");
+  return html`${known.map(([unit, { job, state }]) => html`<div key=${unit} class="notice warn">
+    <p>${t(word(state), { serial: serialOf(unit), state: or(`job.state.${state}`, state) })} <a href=${`/calibrations/${job}`}>${t("ready.show")}</a></p></div>`)}
+  ${known.some(([, { state }]) => state !== "ended") && html`<label class="row"><input type="checkbox" checked=${anew} onChange=${(event) => setAnew(event.target.checked)} /> ${t("ready.anew")}</label>`}`;
 }
 
 /** What people have to do on the way, and where the laboratory's facts are filled in; at once where the check `failed`. */

@@ -20,12 +20,12 @@ const MINUTE_MS = 60_000;
 /** Limits that were chosen for each plan in this browser. */
 const lastLimits = remembered("limits_of", {});
 
-export function Ready({ order, plan, station, limits, begun }) {
+export function Ready({ order, answer, plan, station, limits, begun }) {
   const calibrating = Boolean(plan.calibration);
   const [starting, setStarting] = useState(false);
   const [refused, setRefused] = useState(null);
   const [within, setWithin] = useState(() => {
-    const chosen = lastLimits.get()[plan.id] ?? plan.limits;
+    const chosen = order.limits ?? lastLimits.get()[plan.id] ?? plan.limits;
     return limits.some(({ id }) => id === chosen) ? chosen : "";
   });
   const { result, error, again } = useCheck({ ...order, limits: within });
@@ -54,7 +54,7 @@ export function Ready({ order, plan, station, limits, begun }) {
     </div>
     <div class="ready-go">
       <${Checked} result=${result} error=${error} again=${again} />
-      ${calibrating && html`<${Begun} begun=${result?.begun} /><${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
+      ${calibrating && html`<${Begun} begun=${result?.begun} anew=${order.anew} setAnew=${(anew) => answer({ anew })} /><${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
       ${!calibrating && limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
           <option value="">${t("ready.no_limits")}</option>
