@@ -216,6 +216,18 @@ def test_residuals_of_all_runs_lie_over_each_other_and_a_selected_time_holds_for
     assert max(row[0] for row in some["csv"][1:]) <= 3000
 
 
+def test_a_run_that_lacks_the_quantity_is_named_beside_those_that_lie_over_each_other(tmp_path: Path) -> None:
+    for run in (RUN, OTHER):
+        made = run_folders.ramp_run(rate_hz=1.0)
+        if run == OTHER:
+            del made["columns"]["drive"]
+        run_folders.make_run(tmp_path / run, **made, unit=run.partition("/")[0])
+    body = {"kind": "axes", "runs": [RUN], "check": [OTHER], "every": True}
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        words = [done(client, "/figures", {**body, "over": over})["words"] for over in ("drive", "temperature")]
+    assert [f"Without such data, and not drawn: {OTHER}." in text for text in words] == [True, False]
+
+
 def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_is(client: httpx.Client) -> None:
     answer = ended(client, "/figures", {"kind": "axes", "runs": [RUN], "model": SPLINE, "over": "quadratur"})
     assert answer["state"] == "failed"

@@ -295,9 +295,12 @@ def _axes_of_all(drawing: Drawing) -> Figure:
     if not values:
         raise InputError("nothing was captured in this range of temperature and time")
     what = said("residual", model=drawing.name) if drawing.model else said("bias")
-    caption = said("axes_all", what=what, over={"label": x.title}, spans=spans)
+    drawn = {id_ for id_, *_ in values}
+    left_out = [one.of.id for one in each if one.of.id not in drawn]
+    told = [said("axes_all", what=what, over={"label": x.title}, spans=spans)]
+    told += [said("left_out", runs=left_out)] if left_out else []
     title = "residual [deg/h]" if drawing.model else "bias [deg/h], minus its mean"
-    return captioned(overlaid(values, x.title, title), [caption, floor_said(drawing.floor_dph())])
+    return captioned(overlaid(values, x.title, title), [*told, floor_said(drawing.floor_dph())])
 
 
 def allan(drawing: Drawing) -> Figure:

@@ -1,5 +1,5 @@
 // The figures of the chosen runs: one at a time, under tabs. Zooming in time or temperature fetches finer data.
-import { Waiting, duration, html, number, runTitle, t, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
+import { Waiting, duration, html, number, runTitle, t, unitOf, useEffect, useMemo, useLayoutEffect, useRef, useState } from "./parts.js";
 import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
@@ -116,12 +116,14 @@ function Selection({ selection, act }) {
 function Choices({ session, kind, of, axes }) {
   const { runs, over, left, act } = session;
   const all = [...runs.runs, ...runs.check];
+  const units = new Set(all.map(unitOf));
+  const titled = (run) => (units.size > 1 ? `${unitOf(run)} ${runTitle(run)}` : runTitle(run));
   const view = (change) => act({ type: "view", view: change });
   return html`<div class="wb-choices">
     ${all.length > 1 && kind !== "allan" && html`<label class="wb-inline"><span class="unseen">${t("workbench.figure.shown")}</span>
       <select value=${of} onChange=${(event) => view({ of: event.target.value })}>
         ${kind === "axes" && html`<option value=${EVERY} selected=${of === EVERY}>${t("workbench.figure.all_runs")}</option>`}
-        ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${runTitle(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
+        ${all.map((run) => html`<option key=${run} value=${run} selected=${run === of}>${titled(run)}${runs.check.includes(run) ? ` (${t("workbench.role.check")})` : ""}</option>`)}
       </select></label>`}
     ${kind === "loop" && html`<label class="wb-inline"><input type="checkbox" checked=${left !== ""} onChange=${(event) => view({ left: event.target.checked ? "yes" : "" })} />${t("workbench.figure.left")}</label>`}
     ${kind === "axes" && html`<label class="wb-inline">${t("workbench.figure.over")}
