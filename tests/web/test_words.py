@@ -358,6 +358,18 @@ def test_a_step_that_ended_with_warnings_is_no_good_one() -> None:
     assert told("pages/calibrations/words.js", script, steps) == ["good", "warn"]
 
 
+def test_a_filter_by_days_means_the_days_of_the_reader() -> None:
+    script = """
+    process.env.TZ = "Europe/Kyiv";
+    console.log(JSON.stringify(given.map(([text, later]) => page.beginOf(text, later))));
+    """
+    given = [["2026-11-27", 0], ["2026-11-27", 1], ["2026-03-29", 0], ["2026-03-29", 1], ["", 0], ["yesterday", 1]]
+    assert told("lib/days.js", script, given) == [
+        "2026-11-26T22:00:00.000Z", "2026-11-27T22:00:00.000Z", "2026-03-28T22:00:00.000Z",
+        "2026-03-29T21:00:00.000Z", "", "",
+    ]  # fmt: skip
+
+
 def test_a_finding_is_a_sentence_on_the_page() -> None:
     given = ["longest soak is 4 min: too short", "dT/dt is small.", "chamber.yaml: no map"]
     call = "console.log(JSON.stringify(given.map((text) => page.sentence(text))))"

@@ -9,7 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, date, datetime
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ NO_LOT = re.compile(r"^(.*?)[-_. ]?\d+$")
 COMPARED = ("unit", "lot", "station", "created", "profile", "state", "cause", "simulated", "corrected")
 """Columns of a run that a selection looks at."""
 Row = Mapping[str, Any]
+_FIRST, _LAST = (moment.replace(tzinfo=UTC) for moment in (datetime.min, datetime.max))
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,9 @@ class Selection:
     profile: str | None = None
     station: str | None = None
     lot: str | None = None
-    since: date | None = None
-    until: date | None = None
-    """First and last day (UTC)."""
+    since: datetime | None = None
+    until: datetime | None = None
+    """First moment, and the one before which they began."""
     simulated: bool | None = None
     """Simulated runs alone, or none of them; None: they count only where there are no others."""
 
@@ -58,11 +59,11 @@ class Selection:
             beginning = unit.serial.startswith("" if self.lot == ONE else self.lot, autoescape=True)
             unnamed = select(unit.serial).where(unit.lot.is_(None) | (unit.lot == ""), beginning)
             found.append(run.unit.in_(select(unit.serial).where(unit.lot == self.lot).union(unnamed)))
-        # A time in another zone may be of the day before or after.
+        # A time in another zone may be of the day before or after, here and in the registry.
         if self.since:
-            found.append(run.created >= (self.since - timedelta(days=1)).isoformat())
+            found.append(run.created >= _day_of(self.since, -2))
         if self.until:
-            found.append(run.created < (self.until + timedelta(days=2)).isoformat())
+            found.append(run.created < _day_of(self.until, 3))
         return found
 
     def of(self, runs: Sequence[Row]) -> tuple[list[Row], tuple[str, ...]]:
@@ -93,8 +94,9 @@ class Selection:
         if self.lot is not None:
             keep(runs["lot"][found] == self.lot, "of other lots")
         if self.since or self.until:
-            first, last = self.since or date.min, self.until or date.max
-            keep([first <= day_of(created) <= last for created in runs["created"][found]], "of other days")
+            first, end = self.since or _FIRST, self.until or _LAST
+            began = [datetime.fromisoformat(str(created)).astimezone(UTC) for created in runs["created"][found]]
+            keep([first <= one < end for one in began], "of other days")
         keep(runs["state"][found] == "done", "that did not end as planned")
         keep(~runs["corrected"][found].astype(bool), "of units that corrected themselves")
         simulated = runs["simulated"][found].astype(bool)
@@ -120,9 +122,10 @@ def lot_of(unit: str, recorded: str | None) -> str:
     return (match[1] if match else "") or ONE
 
 
-def day_of(created: str) -> date:
-    """Day of a time (UTC)."""
-    return datetime.fromisoformat(str(created)).astimezone(UTC).date()
+def _day_of(moment: datetime, later: int) -> str:
+    """Day so many days after a moment, as times of the registry begin."""
+    day = moment.toordinal() + later
+    return date.fromordinal(min(max(day, 1), date.max.toordinal())).isoformat()
 
 
 def profile_of(cause: Any, profile: Any) -> ObjectArray:

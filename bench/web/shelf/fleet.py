@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict
-from datetime import date
+from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from bench.analysis import load_limits
 from bench.archive import (
@@ -44,8 +44,14 @@ LimitsName = Annotated[str | None, Field(max_length=100)]
 """Name of a limits file of the project or of the library."""
 
 
+Moment = Annotated[AwareDatetime | date, Field(union_mode="left_to_right")]
+
+
 class Chosen(BaseModel):
-    """Which runs count: those of a station, a lot, a plan, from and to a day (UTC); all where nothing is said."""
+    """Which runs count: those of a station, a lot, a plan, a time; all where nothing is said.
+
+    `since` and `until` are days (UTC), both of them included, or moments with their zone, of which the last is not.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -54,14 +60,23 @@ class Chosen(BaseModel):
     station: Annotated[str | None, Field(max_length=200)] = None
     lot: Annotated[str | None, Field(max_length=200)] = None
     plan: Annotated[str | None, Field(max_length=200)] = None
-    since: date | None = None
-    until: date | None = None
+    since: Moment | None = None
+    until: Moment | None = None
     simulated: bool | None = None
     """Simulated runs alone, or none of them; else they count only where there are no others."""
 
     def selection(self) -> Selection:
         """The same in the words of the archive."""
-        return Selection(self.plan, self.station, self.lot, self.since, self.until, self.simulated)
+        since, until = _moment(self.since), _moment(self.until, 1)
+        return Selection(self.plan, self.station, self.lot, since, until, self.simulated)
+
+
+def _moment(given: datetime | date | None, later: int = 0) -> datetime | None:
+    """A moment; of a day its begin (UTC), or that of a `later` one."""
+    if given is None or isinstance(given, datetime):
+        return given
+    day = date.fromordinal(min(given.toordinal() + later, date.max.toordinal()))
+    return datetime.combine(day, time.min, UTC)
 
 
 Choice = Annotated[Chosen, Query()]

@@ -1,4 +1,4 @@
-// A day in what somebody searches for, as the reader's language writes it.
+// Days as the reader counts them: in what somebody searches for, and in a filter.
 import { language } from "./words.js";
 
 const MONTH = "(?<name>\\p{L}{3,})\\.?";
@@ -41,4 +41,12 @@ function read(text, pattern) {
 export function dayIn(text) {
   const [first, ...others] = WRITTEN.map((pattern) => read(text, pattern)).filter(Boolean);
   return first ? { ...first, hours: [first, ...others.filter(({ found }) => found === first.found)].flatMap(({ hours }) => hours) } : null;
+}
+
+/** When a day of the reader's begins, or one so many days later; empty for no day. */
+export function beginOf(text, later = 0) {
+  const moment = new Date(`${text}T00:00`);
+  if (Number.isNaN(moment.valueOf())) return "";
+  moment.setDate(moment.getDate() + later);
+  return moment.toISOString();
 }

@@ -1,6 +1,7 @@
 // Many units: yield, capability, control charts with their signals, drifts of stations and lots, outliers.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { post, query, url } from "../lib/api.js";
+import { beginOf } from "../lib/days.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
@@ -183,6 +184,8 @@ function Board({ fleet, params }) {
 /** Choices of the address: limits, and which runs count. */
 const CHOICES = ["limits", "station", "lot", "plan", "since", "until", "simulated"];
 
+const DAYS = ["since", "until"];
+
 const planOf = (id) => planTitle({ id, title: id });
 const NAMED = { limits: (id) => limitsName(id), station: stationName, plan: planOf };
 
@@ -203,7 +206,7 @@ function Choice({ label, all, names, named, value, onChange }) {
 }
 
 export default function Fleet({ query: initial }) {
-  const [chosen, setChosen] = useState(Object.fromEntries(CHOICES.map((name) => [name, initial[name] ?? ""])));
+  const [chosen, setChosen] = useState(Object.fromEntries(CHOICES.map((name) => [name, DAYS.includes(name) && !beginOf(initial[name]) ? "" : initial[name] ?? ""])));
   const [text, setText] = useState(initial.q ?? "");
   const [q, setQ] = useState(text);
   const [trouble, setTrouble] = useState(null);
@@ -211,8 +214,8 @@ export default function Fleet({ query: initial }) {
     const timer = setTimeout(() => setQ(text), 300);
     return () => clearTimeout(timer);
   }, [text]);
-  const params = { q, ...chosen };
-  useEffect(() => remember(params), [q, chosen]);
+  useEffect(() => remember({ q, ...chosen }), [q, chosen]);
+  const params = { q, ...chosen, since: beginOf(chosen.since), until: beginOf(chosen.until, 1) };
   const { data: fleet, error, again } = useGet(`/fleet${query(params)}`);
   const build = () => post("/registry").then(again, setTrouble);
   const set = (name) => (value) => setChosen({ ...chosen, [name]: value });
