@@ -1,6 +1,8 @@
 """What the bench says in English is known in the languages of its users, sentence by sentence."""
 
 import ast
+import errno
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -65,8 +67,8 @@ def shapes() -> list[re.Pattern[str]]:
 
 def said_by_the_code(english: str) -> bool:
     """Whether a sentence is written in the code: between its values in pieces, or with a word in place of a value."""
-    if english.startswith("must be "):
-        return True  # by pydantic
+    if english.startswith("must be ") or english in map(os.strerror, errno.errorcode):
+        return True  # by pydantic, by the operating system
     bare = PLACE.sub("0", english)
     return all(map(pieced, PLACE.split(english))) or any(shape.fullmatch(bare) for shape in shapes())
 
@@ -145,6 +147,10 @@ SAMPLES = [
      "soak of about 15 min", "uk",
      "brief.yaml: найдовша витримка 10 хв: рівень шуму визначають там, де виріб стоїть 5 хв, а це витримка приблизно "
      "15 хв"),
+    ("the server cannot read or write profiles/stations: File exists; runs go on: tell whoever is in charge of its "
+     "computer", "uk",
+     "сервер не може читати чи писати profiles/stations: такий файл уже є; прогони тривають: скажіть тому, хто "
+     "доглядає його комп'ютер"),
     ("no stations 'time'; there are imu, rate, short", "uk", "немає «time»; є: imu, rate, short"),
     ("20261127T172726Z_ramp: the unit corrected its rate itself during this run: it is a verification and cannot be "
      "fitted or checked against; use runs of the raw rate", "uk",

@@ -134,6 +134,16 @@ def test_papers_beside_stations_and_plans_are_no_broken_station_or_plan(bench, k
     assert half["problem"]
 
 
+def test_a_place_that_cannot_be_written_is_named_with_a_way_on(bench):
+    client, project = bench
+    text = client.get("/api/v1/files/limits/quick").json()["text"]
+    (project / "profiles" / "limits").rename(project / "limits")
+    (project / "profiles" / "limits").write_text("no folder")
+    answer = client.put("/api/v1/files/limits/mine", json={"text": text, "digest": ""})
+    said = "the server cannot read or write profiles/limits: File exists; runs go on: tell whoever is in charge of its"
+    assert (answer.status_code, answer.json()["detail"]) == (503, f"{said} computer")
+
+
 def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
     client, project = bench
     opened = client.get("/api/v1/files/profiles/quick").json()

@@ -145,7 +145,9 @@ async def _driver(request: Request, error: Exception) -> JSONResponse:
 async def _files(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, OSError)
     _log.error("%s %s", request.method, request.url.path, exc_info=error)
-    return problem(503, f"the server cannot read or write its files: {error.strerror or error}; runs go on")
+    file, advice = error.filename or "its files", "tell whoever is in charge of its computer"
+    text = f"the server cannot read or write {file}: {error.strerror or error}; runs go on: {advice}"
+    return _problem_of(request, 503, text)
 
 
 async def _ours(request: Request, error: Exception) -> JSONResponse:
