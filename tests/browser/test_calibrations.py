@@ -103,6 +103,7 @@ def test_a_new_gyro_goes_to_its_certificate(bench, visitors):
     printed.wait_for(timeout=2 * PATIENCE_MS)
     picture(page, "calibration-done")
     assert page.locator(".job-steps [lang=en]").all_inner_texts() == []
+    assert page.locator(".job-steps .warning").first.bounding_box()["width"] > 200
     press_tab_to(page, printed)
     pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
     assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")

@@ -132,6 +132,10 @@ SAID = """() => {
 }"""
 
 
+SMALL = """() => [...document.querySelectorAll('main :is(button, a, select, input:not([type=checkbox], [type=radio]))')]
+  .filter((one) => one.checkVisibility() && getComputedStyle(one).display !== 'inline' && !one.closest('.unseen'))
+  .map((one) => [one.outerHTML.slice(0, 80), one.offsetWidth, one.offsetHeight])
+  .filter(([, width, height]) => width < 24 || height < 24)"""
 COLOUR = """(one, name) => {
   const probe = one.appendChild(document.createElement("i"));
   probe.style.backgroundColor = `var(${name})`;
@@ -165,6 +169,7 @@ def test_everybody_can_use_the_page_by_day_at_night_on_a_tablet_and_on_a_telepho
     for size, name in ((TABLET, "tablet"), (PHONE, "phone")):
         page.set_viewport_size(size)
         page.wait_for_function("() => document.documentElement.scrollWidth <= innerWidth")  # nothing sideways
+        assert page.evaluate(SMALL) == [], "each can be touched: WCAG 2.2, 2.5.8"
         picture(page, f"{place.name}-{name}")
 
 

@@ -184,6 +184,15 @@ def test_the_pages_speak_other_languages(page, language):
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效标定"}[language]).first.wait_for()
 
 
+def test_a_day_is_not_broken_within_a_number(visitors, address):
+    page = visitors.come(address, locale="uk-UA", size={"width": 820, "height": 1180})
+    page.goto("/fleet")
+    day = page.locator(".st-tile b").last
+    day.wait_for()
+    assert day.evaluate("(one) => one.scrollWidth <= one.clientWidth")
+    assert "\u00a0" not in day.inner_text()
+
+
 def test_every_tile_of_a_unit_names_the_run_that_it_is_of(page, folder):
     days = [f"{BEGIN + timedelta(days=day):%b\xa0%-d,\xa0%Y}, " for day in DAYS]
     page.goto(f"/units/{UNIT}")

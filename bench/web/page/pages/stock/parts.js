@@ -65,7 +65,7 @@ export function Spark({ values, lower, upper }) {
 
 /** One number on a card: name, value and meaning. */
 export const Tile = ({ what, value, unit, more, tone }) => html`<div class=${`st-tile ${tone ? `tone-${tone}` : ""}`}>
-  <span class="what">${what}</span><b>${value} ${unit && value !== "–" && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
+  <span class="what">${what}</span><b>${String(value).replaceAll("\u00a0", " ")} ${unit && value !== "–" && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
 </div>`;
 
 /** Shown without a registry: an explanation, and a button for users who may create one. */
