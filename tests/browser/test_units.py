@@ -184,6 +184,46 @@ def test_the_pages_speak_other_languages(page, language):
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效标定"}[language]).first.wait_for()
 
 
+def test_a_long_history_is_drawn_in_parts(page):
+    """A unit of 5000 runs took 12 s and 178,000 nodes."""
+
+    def long(route):
+        told = route.fetch().json()
+        for part in ("runs", "calibrations"):
+            told[part] = [{**told[part][0], "run": f"{UNIT}/{n}"} for n in range(250)]
+        route.fulfill(json=told)
+
+    page.route(f"**/api/v1/units/{UNIT}", long)
+    page.goto(f"/units/{UNIT}")
+    rows, cards = page.locator("section[aria-labelledby=runs] tbody tr"), page.locator(".st-card")
+    rows.first.wait_for()
+    assert (rows.count(), cards.count()) == (100, 20)
+    more = page.locator("section[aria-labelledby=runs]").get_by_role("button", name="Show more")
+    more.click()
+    more.click()
+    more.wait_for(state="detached")
+    assert rows.count() == 250
+    page.unroute_all(behavior="wait")
+
+
+def test_more_units_than_can_be_listed_are_searched_for(page):
+    """The button did nothing."""
+
+    def many(route):
+        told = route.fetch().json()
+        route.fulfill(json={**told, "matched": 5001, "total": 5001})
+
+    page.route("**/api/v1/units?*", many)
+    page.goto("/units")
+    more = page.get_by_role("button", name="Show more")
+    for _ in range(4):
+        with page.expect_response("**/api/v1/units?*"):
+            more.click()
+    more.wait_for(state="detached")
+    page.get_by_text("Only the first 49 are listed. Search for others.").wait_for()
+    page.unroute_all(behavior="wait")
+
+
 def test_a_day_is_not_broken_within_a_number(visitors, address):
     page = visitors.come(address, locale="uk-UA", size={"width": 820, "height": 1180})
     page.goto("/fleet")

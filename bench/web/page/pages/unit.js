@@ -8,7 +8,7 @@ import { asGiven, day, duration, effectWord, moment, number, quantityWord, sig, 
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
-import { Outcome, Spark, Tile, useGet, Verdict } from "./stock/parts.js";
+import { Outcome, Spark, Tile, useFirst, useGet, Verdict } from "./stock/parts.js";
 
 const RAIL = [-60, 120];
 const STATUS_TONES = { in_unit: "good", newest: "link", superseded: "idle", not_passed: "bad" };
@@ -93,11 +93,17 @@ function Trends({ unit }) {
   </div>`;
 }
 
+function Calibrations({ unit }) {
+  const { first, more } = useFirst(unit.calibrations, 20);
+  return html`<ol class="st-cards">${first.map((one) => html`<${Calibration} key=${one.run} one=${one} serial=${unit.serial} />`)}</ol>${more}`;
+}
+
 function Runs({ unit }) {
+  const { first, more } = useFirst(unit.runs, 100);
   return html`<div class="scroll"><table class="st-table lines">
     <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col" class=${key === "profile" ? "whole" : undefined}>${t(`units.run.${key}`)}</th>`)}
       <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col" class="whole"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
-    <tbody>${unit.runs.map((run) => html`<tr key=${run.run}>
+    <tbody>${first.map((run) => html`<tr key=${run.run}>
       <th scope="row">${moment(run.created)}</th>
       <td>${t(`units.kind.${run.kind}`)}</td>
       <td class="whole">${planName(run)}${run.simulated && html` <span class="small soft">(${t("units.simulated")})</span>`}</td>
@@ -105,7 +111,7 @@ function Runs({ unit }) {
       <td>${duration(run.duration_s)}</td><td class="wide" title=${run.station}>${stationName(run.station) ?? "–"}</td><td class="wide"><${Said} text=${run.operator ?? "–"} /></td>
       <td class="whole"><span class="st-links">${run.here ? html`<a href=${`/runs/${run.run}`}>${t("run.open")}</a> ${may("engineer") && html`<a href=${`/workbench?run=${encodeURIComponent(run.run)}`}>${t("nav.workbench")}</a>`}
         ${run.kind === "calibration" && html`<a href=${reportOf(run.run)} target="_blank" rel="noopener">${t("units.run.report")}</a>`}` : html`<span class="small soft">${t("units.elsewhere")}</span>`}</span></td>
-    </tr>`)}</tbody></table></div>`;
+    </tr>`)}</tbody></table></div>${more}`;
 }
 
 /** The error that a calibration leaves, the last of `points`, and its change since the first of them. */
@@ -143,7 +149,7 @@ export default function Unit({ params }) {
     <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<a class="soft" href=${`/units?q=${encodeURIComponent(unit.lot)}`}>${t("units.lot")} ${unit.lot}</a>`}</div>
     <${Summary} unit=${unit} />
     <section class="stack" aria-labelledby="calibrations"><h2 id="calibrations">${t("units.calibrations")}</h2>
-      ${unit.calibrations.length ? html`<ol class="st-cards">${unit.calibrations.map((one) => html`<${Calibration} key=${one.run} one=${one} serial=${unit.serial} />`)}</ol>` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>
+      ${unit.calibrations.length ? html`<${Calibrations} unit=${unit} />` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>
     <section class="stack" aria-labelledby="trends"><h2 id="trends">${t("units.trends")}</h2><${Trends} unit=${unit} /></section>
     <${Memory} unit=${unit} />
     <section class="stack" aria-labelledby="runs"><h2 id="runs">${t("units.runs")}</h2><${Runs} unit=${unit} /></section>

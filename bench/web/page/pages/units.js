@@ -10,6 +10,8 @@ import { NoRegistry, useGet, Verdict } from "./stock/parts.js";
 
 const STANDINGS = ["pass", "fail", "unjudged", "uncalibrated"];
 const PAGE = 200;
+/** So many are listed; others are searched for. */
+const MOST = 1000;
 
 /** A value that follows another one after a pause, so that typing sends one request. */
 function useRested(value, rest_ms) {
@@ -88,6 +90,6 @@ export default function Units({ query: initial }) {
         <${Standings} counts=${data.standings} chosen=${standing} choose=${setStanding} />
       </div>
       <${List} found=${data} />
-      ${data.matched > data.units.length && html`<button onClick=${() => setMost(Math.min(1000, most + PAGE))}>${t("units.more")}</button>`}`}
+      ${data.matched > data.units.length && (most < MOST ? html`<button onClick=${() => setMost(most + PAGE)}>${t("units.more")}</button>` : html`<p class="soft">${t("units.first", { n: data.units.length })}</p>`)}`}
   </div>`;
 }

@@ -33,6 +33,13 @@ export function useGet(path) {
   return { ...state, again };
 }
 
+/** The first of a long list, and a button that shows so many more of them. */
+export function useFirst(list, many) {
+  const [most, setMost] = useState(many);
+  const more = list.length > most && html`<p><button type="button" onClick=${() => setMost(most + many)}>${t("units.more")}</button></p>`;
+  return { first: list.slice(0, most), more };
+}
+
 const STATES = { done: "good", running: "link", aborted: toneOf("aborted"), failed: "bad" };
 
 /** A verdict or a status in colour, shape and word. */
