@@ -5,6 +5,7 @@ import re
 
 import pytest
 
+from bench.commands import STEP_NAMES
 from tests.browser.test_operator import press_tab_to
 from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
@@ -173,3 +174,27 @@ def test_what_waits_for_a_station_is_listed_and_taken_out(bench, visitors):
     page.get_by_role("button", name=f"Remove {SLOW_UNIT}").nth(1).wait_for(state="detached")
     page.get_by_role("button", name=f"Remove {SLOW_UNIT}").click()
     page.get_by_role("heading", name="Waiting for their station").wait_for(state="detached")
+
+
+@pytest.mark.parametrize("locale", ["uk-UA", "zh-CN"])
+def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers_language(site, visitors, locale):
+    why = "aborted by Olena (operator) from 127.0.0.1"
+    steps = [{"name": name, "state": "open", "sentence": "", "cases": [], "facts": {}, "verdict": None, "run": None}
+             for name in STEP_NAMES]  # fmt: skip
+    steps[0] = {**steps[0], "state": "failed", "sentence": why}
+    mate = {"state": "failed", "verdict": None, "sentence": why, "certificate": False, "steps": {"check": "failed"}}
+    job = {
+        "job": "GX-1/1", "unit": "GX-1", "plan": "brief", "state": "failed", "verdict": None, "sentence": why,
+        "exit_code": 3, "created": "2026-11-27T06:00:00Z", "steps": steps, "live": None, "start": None,
+        "certificate": None, "releases": [],
+        "together": [{**mate, "unit": unit, "job": f"{unit}/1"} for unit in ("GX-1", "GX-20815")],
+    }  # fmt: skip
+    page = visitors.come(site[0], locale=locale, size={"width": 718, "height": 1000})
+    page.route("**/api/v1/calibrations/GX-1/1", lambda route: route.fulfill(json=job))
+    page.goto("/calibrations/GX-1/1")
+    page.locator(".job-mates").wait_for()
+    assert english(page) == []
+    page.emulate_media(media="print")
+    box = "document.querySelector('.job-mates').parentElement"
+    page.wait_for_function(f"() => {box}.scrollWidth <= {box}.clientWidth")
+    page.unroute_all(behavior="wait")

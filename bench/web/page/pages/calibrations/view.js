@@ -93,7 +93,7 @@ function Step({ step, index, job }) {
   return html`<li class=${step.state === "begun" ? "now" : ""} aria-current=${step.state === "begun" ? "step" : undefined}>
     <span class=${`tone-${tone}`}>${step.state === "open" ? html`<span class="mark">${index + 1}</span>` : step.state === "begun" && job.state === "running" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${tone} />`}</span>
     <div><h2>${t(`step.name.${step.name}`)} <small class="soft">${stepWord(step, job)}${took(step) && !passedOver(step) && ` · ${took(step)}`}</small></h2>
-      ${step.sentence && !passedOver(step) && html`<p class="small" lang=${said(step) ? undefined : "en"}>${said(step) || step.sentence}</p>`}
+      ${step.sentence && !passedOver(step) && html`<p class="small">${said(step) || html`<${Said} text=${step.sentence} />`}</p>`}
       ${step.facts?.warnings?.map((text) => html`<p key=${text} class="small warning"><${Said} text=${text} whole /></p>`)}
       ${ready && html`<p class="small">${step.name === "verify" ? html`<a href=${`/runs/${step.run}`}>${t("run.open")}</a>` : html`<a href=${`/workbench?run=${encodeURIComponent(step.run)}`}>${t("verdict.workbench")}</a>`}</p>`}
     </div></li>`;
