@@ -59,6 +59,8 @@ def test_who_may_not_change_a_file_reads_it_and_is_told_so(tmp_path, project, vi
         page.goto("/laboratory?station=bare")
         page.get_by_text("Only engineers may change it.").first.wait_for()
         assert page.locator(".papers form :is(input, select, button):enabled").count() == 0
+        page.goto("/units")
+        page.get_by_text("Building it now needs the role of an engineer.").wait_for()
         page.close()
 
 

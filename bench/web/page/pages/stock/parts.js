@@ -79,6 +79,7 @@ export const Tile = ({ what, value, unit, more, tone }) => html`<div class=${`st
 export function NoRegistry({ build, busy, may }) {
   return html`<div class="panel stack">
     <h2>${t("units.none.title")}</h2><p>${t("units.none.text")}</p>
+    ${!may && html`<p>${t("units.none.engineer")}</p>`}
     ${may && html`<button class="primary" disabled=${busy} onClick=${build}>${t(busy ? "units.none.busy" : "units.none.build")}</button>`}
   </div>`;
 }
