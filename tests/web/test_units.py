@@ -138,7 +138,7 @@ def test_a_point_of_a_chart_is_named_and_leads_to_its_run(client):
         labels = {
             x: text for trace in chart["figure"]["data"] for x, text in zip(trace["x"], trace["text"], strict=True)
         }
-        assert labels[21.0] == "L0-0020 · L0 · station-A · 2026-03-05"
+        assert labels[21.0] == "L0-0020 · L0 · station-A · 2026-03-05 UTC"
         assert chart["runs"][20] == "L0-0020/20260305T000000Z_ramp"
 
 

@@ -7,7 +7,7 @@ Source: two clocks, polling of a bus, buffers, filters of constant delay; 0.1-5 
 a bus, minutes where two loggers were merged by hand.
 When left out: loops over temperature as wide as the bias curve is steep, proportional to the ramp rate.
 Look-alikes: thermal_lag (rate late; the same to first order), thermometer_lag (temperature late), temperature_rate.
-Separated by: steps and reversals (a delay shifts a corner and keeps it sharp); time marks in both logs.
+Separated by: steps, and many fast reversals (a delay shifts a corner and keeps it sharp); time marks in both logs.
 """
 
 from __future__ import annotations

@@ -91,8 +91,8 @@ def _charted(found: Statistics, one: Measured, whole: Chart) -> Found:
 
 
 def _label(one: Calibrated) -> str:
-    """Serial, lot, station and day of a unit's run."""
-    return " · ".join([one.unit, one.lot, one.station, one.created[:10]])
+    """Serial, lot, station and day (UTC) of a unit's run."""
+    return " · ".join([one.unit, one.lot, one.station, f"{one.created[:10]} UTC"])
 
 
 def safe_csv(found: Statistics) -> str:
