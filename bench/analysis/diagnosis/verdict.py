@@ -182,12 +182,17 @@ class Search:
         return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
 
     def _contradicted(self, layout: Layout, point: Point, leader: Suspect, bar: float) -> bool:
-        """Whether the check runs take so much from its evidence or, without, the error on legs that are left out rises
-        by as much as it has to fall for a proof.
+        """Whether the check runs take so much from its evidence or, without, legs that are left out speak against it.
+
+        These do of two effects that move the abscissa, a lead and a lag that undo each other, where the error rises by
+        as much as it has to fall for a proof.
         """
         if self.check:
             return self._total(layout, point, [leader])[0] <= bar
-        after = with_suspect(layout, self.offer.effects[leader.name], leader, ()).left
+        effect = self.offer.effects[leader.name]
+        if not effect.moves_abscissa or not any(other.moves_abscissa for other in layout.rows.model.effects):
+            return False
+        after = with_suspect(layout, effect, leader, ()).left
         return prove(unseen(layout.rows, layout.theta, (), like=after).left, after).fall <= -PROVED_FALL
 
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
