@@ -20,6 +20,7 @@ from .crew import Aside as Aside
 from .crew import shared as shared
 from .crew import usual_workers as usual_workers
 from .digits import bound as bound
+from .digits import capital as capital
 from .digits import clock as clock
 from .digits import counted as counted
 from .digits import ends as ends

@@ -59,6 +59,11 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     return f"{value:.{max(0, size - last)}e}", f"{uncertainty:.1e}"
 
 
+def capital(text: str) -> str:
+    """A text as a sentence begins."""
+    return text[:1].upper() + text[1:]
+
+
 def listed(names: Sequence[str]) -> str:
     """Names as a sentence lists them."""
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))

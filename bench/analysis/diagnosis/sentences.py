@@ -8,7 +8,7 @@ from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, V
 from bench.analysis.diagnosis.decision import ON_UNSEEN
 from bench.analysis.diagnosis.described import sentence as formula_sentence
 from bench.analysis.thresholds import ADEQUATE_RATIO, NEAREST_RATIO
-from bench.base import ends, listed, number, with_uncertainty
+from bench.base import capital, ends, listed, number, with_uncertainty
 
 _LACKS = "The model lacks something that no effect of the catalogue explains"
 UNSEEN = "not to be seen here: the model takes it in"
@@ -35,7 +35,7 @@ def _verdict(answer: Diagnosis, why: str, apart_dph: float) -> str:
     if np.isfinite(apart_dph):
         left = f"{number(apart_dph)} deg/h RMS beside a constant of each run"
     if answer.verdict == "adequate":
-        noise = f" {_capital(answer.noise_finding)}." if answer.noise_finding else ""
+        noise = f" {capital(answer.noise_finding)}." if answer.noise_finding else ""
         return (
             f"These data show no missing effect: the residual ({left}, noise floor {number(answer.floor_dph)}) is "
             f"noise.{noise}{_slow(answer)}"
@@ -191,7 +191,3 @@ def _where(place: Place) -> str:
     low, high = ends(place.low, place.high)
     size = f"{number(place.misfit_dph)} deg/h, p {place.p:.1g}{note}"
     return f"over {place.channel} from {low} to {high} {place.unit} ({size})"
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

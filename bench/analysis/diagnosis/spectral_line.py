@@ -8,14 +8,13 @@ the period is refined between the neighbours of the line on the grid.
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from bench.analysis.diagnosis.candidates import outside
+from bench.analysis.noise.lines import refined
 from bench.analysis.noise.whitening import Whitener
 from bench.base import FloatArray, IntArray
 
 _LONGEST_GAP = 100  # rows: longer ones, as between runs, are closed up
-_TRIED = 17  # frequencies between two neighbours of the grid: a line is as wide as its distance to the next
 
 
 def rows_of(time_s: FloatArray, interval_s: float) -> IntArray:
@@ -57,12 +56,7 @@ def fitted(
         )
         return np.asarray(np.einsum("fk,fk->f", product, solved[..., 0]))
 
-    grid = np.linspace(max(0.5, cycles - 1.0), cycles + 1.0, _TRIED)
-    best = int(np.argmax(gains(grid)))
-    ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _TRIED - 1)])
-    least = scipy.optimize.minimize_scalar(
-        lambda f: -float(gains(np.array([f]))[0]), bounds=ends, method="bounded", options={"maxiter": 12}
-    )
-    refined = np.array([float(least.x)])
-    beta = np.linalg.lstsq(outside(q, way.apply(waves(refined))), whitened, rcond=None)[0]
-    return float(refined[0]), waves(refined) @ beta
+    found = refined(gains, cycles)
+    line = waves(np.array([found]))
+    beta = np.linalg.lstsq(outside(q, way.apply(line)), whitened, rcond=None)[0]
+    return found, line @ beta

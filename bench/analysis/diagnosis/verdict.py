@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -156,10 +157,9 @@ class Search:
         alike: tuple[str, ...] = ()
         enough = [one for one in near if one.evidence > bar]
         if others:
-            enough = [one for one in enough if not self._contradicted(layout, evidence.point, one, bar)]
-        elif dropped:  # of effects of which each contradicts the others the check runs have a say, too
-            total = self._total(layout, evidence.point, enough)
-            enough = [enough[i] for i in np.argsort([-own for own in total], kind="stable")]
+            enough = [*islice((one for one in enough if not self._contradicted(layout, evidence.point, one, bar)), 1)]
+        elif dropped and enough:  # of effects of which each contradicts the others the check runs have a say, too
+            enough = [enough[int(np.argmax(self._total(layout, evidence.point, enough)))]]
         if not enough:
             enough = self._borne(layout, evidence.point, near)
             alike = tuple(one.effect for one in enough[1:])

@@ -24,7 +24,7 @@ from bench.analysis import (
     ranking_reason,
     rivals,
 )
-from bench.base import CHANNELS, ends, finite, in_print, listed, number, with_uncertainty
+from bench.base import CHANNELS, capital, ends, finite, in_print, listed, number, with_uncertainty
 from bench.deliver.report import figures_diagnosis
 from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
@@ -318,4 +318,4 @@ def _notes(answer: Diagnosis) -> Iterator[str]:
 
 
 def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:].removesuffix(".")
+    return capital(text.removesuffix("."))

@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bench.analysis import LOST, Analysis, Completeness, branch_gap
-from bench.base import clock, counted, moment, number
+from bench.base import capital, clock, counted, moment, number
 from bench.deliver.report import figures_run
 from bench.deliver.report.markup import Row, Section, facts, figure, heading, mono, paragraph, table, text_of
 from bench.record import EVENTS, earth_told, read_events
@@ -100,7 +100,7 @@ def noise(analysis: Analysis) -> Section | None:
     )
     head = ("coefficient", "", "value", "95 % interval", "unit")
     html = paragraph(words) + table("Noise coefficients (IEEE Std 952)", head, rows, (2, 3))
-    html += Markup().join(paragraph(f"{note[:1].upper()}{note[1:]}.") for note in floor.line_notes)
+    html += Markup().join(paragraph(f"{capital(note)}.") for note in floor.line_notes)
     html += figure("fig-allan", figures_run.allan_figure(floor.curves, noise_found), caption, alt)
     return Section("noise", "Noise floor", html)
 

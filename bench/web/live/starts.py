@@ -17,12 +17,11 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
 from bench.base import OPERATOR, EquipmentError, InputError, hold, library, locked
-from bench.record import LIVE, StartRecord
+from bench.record import LIVE, StartRecord, sha256
 from bench.web.live.outcomes import LOCK, outcome, waits
 
 KEPT = 200
@@ -373,7 +372,7 @@ def _facts(about: StartRecord) -> dict[str, Any]:
 def _digest(file: Path) -> str:
     """SHA-256 of a file; empty where it cannot be read."""
     try:
-        return sha256(file.read_bytes()).hexdigest()
+        return sha256(file)
     except OSError:
         return ""
 
