@@ -44,8 +44,8 @@ def decide(
     proofs = [suspect.proved for suspect in found]
     some = None if not any(proved is not None for proved in proofs) else any(proofs)
     ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
-    # What stands out in the run and does not matter on a check run leaves the effects what is missing.
-    whole = improved.left.by == "check" and improved.left.rms_dph <= EXPLAINED_RATIO * floor_dph
+    # What stands out in the run and does not matter on unseen data leaves the effects what is missing.
+    whole = improved.left.rms_dph <= EXPLAINED_RATIO * floor_dph
     if explained.word == "unknown_effect" and (explained.drifts or not (some and whole)):
         if explained.drifts and not (explained.left or found) and ratio <= ADEQUATE_RATIO:
             return Decision("undecided", None, DRIFTS)

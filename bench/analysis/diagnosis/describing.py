@@ -22,6 +22,7 @@ from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.probability import sized
+from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
 from bench.base import Aside, FloatArray
 from bench.record import Dataset
@@ -143,12 +144,14 @@ class Describer:
         ):
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
-        stuck = any(step.on_bound for step in explained.steps)
+        stuck = any(step.suspect.on_bound for step in explained.steps)
         # Of the effects of a short list none pays for having been searched; a formula does.
         least = named - (FORMULA_EVIDENCE if stuck else TIE)
-        if not beside and plain and plain[0].total > least and (stuck or explained.word == "unknown_effect"):
-            # No better than the effects, and no worse: it stands for one that is not determined.
-            return Description(self._listed(layout, plain), replaces=stuck)
+        if not beside and plain and plain[0].total > least:
+            # No better than the effects, and no worse: it stands for one that is not determined, or tells another part.
+            more = explained.word == "unknown_effect" and self._says_more(plain[0].one, explained.layout)
+            if stuck or more:
+                return Description(self._listed(layout, plain), replaces=stuck)
         names = tuple(step.name for step in explained.steps)
         return Description(self._answer(explained.layout, beside, borne, names))
 
@@ -156,14 +159,21 @@ class Describer:
         search = FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
         return search.search(0.0 if self.check else FORMULA_EVIDENCE)
 
-    def _ranked(self, layout: Layout, found: Sequence[FoundFormula], borne: Borne) -> list[_Ranked]:
-        """What a search found that all evidence bears, best first, without what cannot be told from a better one."""
-        before = unseen(layout.rows, layout.theta, self.check)
-        ranked = []
+    def _ranked(
+        self, layout: Layout, found: Sequence[FoundFormula], borne: Borne, count: int | None = None
+    ) -> list[_Ranked]:
+        """What a search found that all evidence bears, best first, without what cannot be told from a better one.
+
+        The first `count` parameters of the layout, those of its effects, follow what is found.
+        """
+        if not found:
+            return []
+        ranked, count = list[_Ranked](), len(layout.theta) if count is None else count
+        before = unseen(layout.rows, layout.settled(self._way(found[0]), count).theta, self.check)
         for one in found:
             if not one.sized or (not self.check and one.evidence <= FORMULA_EVIDENCE):
                 continue
-            after = layout.adding(one.effect, one.theta)
+            after = layout.adding(one.effect, one.theta).settled(self._way(one), count)
             scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
             each = _Ranked(one, after, scored, borne.gain(before.left, scored.left))
             if each.total > FORMULA_EVIDENCE:
@@ -187,7 +197,8 @@ class Describer:
         terms, last = [ranked[0]], ranked[0]
         while len(terms) < _MOST_TERMS:
             point, open_ = self._left(layout, last)
-            further = self._ranked(last.after, self._search(last.after, point, terms[0].one), borne) if open_ else []
+            found = self._search(last.after, point, terms[0].one) if open_ else ()
+            further = self._ranked(last.after, found, borne, len(layout.theta))
             if not further:
                 break
             last = further[0]
@@ -208,7 +219,7 @@ class Describer:
 
     def _says_more(self, one: FoundFormula, named: Layout) -> bool:
         """Whether a formula gains beside the effects found, too; else it only writes them in a shorter way."""
-        way = self.lattice.at([one.point])[0][0]
+        way = self._way(one)
         basis = orthonormal(way.apply(named.problem.base))
         further, left = outside(basis, one.white), outside(basis, way.apply(named.problem.y))
         size = float(further @ further)
@@ -249,6 +260,10 @@ class Describer:
             terms = [*terms[:least], *terms[least + 1 :]]
         return terms
 
+    def _way(self, one: FoundFormula) -> Whitener:
+        """Of the fitted rows, at the noise beside a formula."""
+        return self.lattice.at([one.point])[0][0]
+
     def _joint(self, layout: Layout, terms: Sequence[_Ranked]) -> tuple[Gls, list[list[int]], Layout]:
         """The fit of all terms at the parameters of each, the coefficients of each term, and the layout with them."""
         parts = [term.one for term in terms]
@@ -261,7 +276,7 @@ class Describer:
             [first + known.index(entry[0]) for entry in part.amplitude_entries(name)]
             for part, name in zip(parts, AMPLITUDES, strict=False)
         ]
-        return gls(columns, layout.problem.y, self.lattice.at([parts[-1].point])[0][0]), own, after
+        return gls(columns, layout.problem.y, self._way(parts[-1])), own, after
 
     def _sized(
         self, layout: Layout, terms: Sequence[_Ranked]
@@ -276,7 +291,7 @@ class Describer:
             return entries, parts[0].contribution
         fit, own, after = self._joint(layout, terms)
         order, first = [row for rows in own for row in rows], layout.problem.base.shape[1]
-        way = self.lattice.at([parts[-1].point])[0][0]
+        way = self._way(parts[-1])
         # With the slopes along the parameters behind the columns.
         at = after.rows.bind(after.theta, trial=True)[1].shape[1] - len(fit.beta)
         deviations = np.sqrt(np.diag(gls(after.problem.base, layout.problem.y, way).covariance))
@@ -291,10 +306,11 @@ class Describer:
     ) -> DescribedFormula:
         parts = [term.one for term in terms]
         text, effect, theta = together(parts)
-        after = layout.adding(effect, theta)
+        way, count = self._way(parts[-1]), len(layout.theta)
+        after = layout.adding(effect, theta).settled(way, count)
         amplitudes, contribution = self._sized(layout, terms)
         scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
-        before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
+        before = unseen(layout.rows, layout.settled(way, count).theta, self.check, like=scored.left)
         return DescribedFormula(
             formula=text,
             expression=entry_text(effect),

@@ -274,8 +274,9 @@ class _Case:
         the noise is not known well enough to tell, where it takes several of them, or where a channel moves that none
         of them rests on: one formula may do.
 
-        Only what unseen data bear, or do not judge, or of which the evidence of check runs is strong while their error,
-        which their slow noise moves, does not rise beyond chance; and whether the best explains more than the effects.
+        Only what unseen data bear, or do not judge, or of which the fitted runs have evidence and that of check runs is
+        strong while their error, which their slow noise moves, does not rise beyond chance; and whether the best
+        explains more than the effects.
         """
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         known = not bound_only(describer.floor_dph, improved.rms_dph)
@@ -292,7 +293,7 @@ class _Case:
             one
             for one in found.formulas
             if one.proof.falls is not False
-            or (one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS)
+            or (min(one.borne - FORMULA_EVIDENCE, one.evidence) > 0.0 and one.proof.deviations > -PROVED_DEVIATIONS)
         )
         return proved_first(kept), bool(kept) and found.replaces and kept[0] is found.formulas[0]
 

@@ -93,6 +93,11 @@ class Suspect:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def on_bound(self) -> bool:
+        """Whether the search of a parameter ended at an end of its range: the data do not determine it."""
+        return any(p.on_bound(value) for p, value in zip(self.candidate.parameters, self.theta, strict=True))
+
+    @property
     def sized(self) -> bool:
         """Whether the data know the size of its terms, or of its parameters where it moves the abscissa."""
         return self.candidate.kind == "abscissa" or sized(self.amplitudes, self.covariance) > 1.0
@@ -108,7 +113,7 @@ class Suspect:
     def cumulative(self) -> FloatArray:
         """Gain in 2 ln L up to each row (n,), whitening being causal."""
         problem = self.refiner.problem
-        before = gls(problem.base, problem.y, self._way, self.sigma2)
+        before = gls(problem.base, problem.y, self.way, self.sigma2)
         return np.asarray(np.cumsum(before.residual**2 - self._fit.residual**2) / self.sigma2)
 
     @property
@@ -118,7 +123,8 @@ class Suspect:
         return int(columns.shape[1])
 
     @property
-    def _way(self) -> Whitener:
+    def way(self) -> Whitener:
+        """Of the fitted rows, at the noise beside it."""
         return self.refiner.lattice.at([self.point])[0][0]
 
     @cached_property
@@ -127,7 +133,7 @@ class Suspect:
 
     @cached_property
     def _fit(self) -> Gls:
-        return gls(self._columns, self.refiner.problem.y, self._way, self.sigma2)
+        return gls(self._columns, self.refiner.problem.y, self.way, self.sigma2)
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def with_suspect(
     layout: Layout, effect: Effect, suspect: Suspect, check: Sequence[Dataset], like: LeftOut | None = None
 ) -> Unseen:
     """The model of a layout with a suspect, an `effect` at its parameters, scored as by `unseen`."""
-    after = layout.adding(effect, suspect.theta)
+    after = layout.adding(effect, suspect.theta).settled(suspect.way, len(layout.theta))
     return unseen(after.rows, after.theta, check, 0 if effect.moves_abscissa else len(suspect.amplitudes), like)
 
 

@@ -22,7 +22,8 @@ from bench.analysis.effects.catalogue import catalogue
 from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
-from bench.analysis.noise.likelihood import Record
+from bench.analysis.noise.likelihood import Record, gls
+from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import LEAST_PRESENT
 from bench.base import INSTRUMENTS, OTHERS, BoolArray, FloatArray, InputError
 from bench.record import Dataset
@@ -30,6 +31,9 @@ from bench.record import Dataset
 _APART_S = 30 * 86400.0
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _POINTS_OF_PLACE = 64  # of a place in temperature: about two degrees apart, what happens there is wider
+_MOST_STEPS = 4
+_SHARES = (1.0, 0.5, 0.2)  # of a Gauss-Newton step, the first that lowers the misfit
+_ENOUGH = 1e-3  # of the misfit: a step that gains less is the last
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate",
              *INSTRUMENTS[1:], *OTHERS)  # fmt: skip
 
@@ -68,6 +72,36 @@ class Layout:
         """The same rows with one more effect in the model."""
         rows = replace(self.rows, model=self.rows.model.adding(effect))
         return replace(self, rows=rows, theta=np.concatenate([self.theta, np.array(theta, dtype=np.float64)]))
+
+    def settled(self, way: Whitener, count: int) -> Layout:
+        """The same with the first `count` parameters moved to where they fit best beside all others, by Gauss-Newton.
+
+        An effect that was found first took in a part of what is found beside it. The evidence of that counts the
+        parameters of the first as free; what is predicted with both has to have them where both fit.
+        """
+        best, left = self, self._misfit(way)
+        low, high = (np.array([getattr(p, end) for p in self.rows.parameters[:count]]) for end in ("low", "high"))
+        for _ in range(_MOST_STEPS if count else 0):
+            slopes = np.column_stack(best.rows.slopes(best.theta, best._output_at))
+            known = np.isfinite(slopes).all(axis=0) & slopes.any(axis=0)
+            columns = np.hstack([best._linear, slopes[:, known]])
+            step = np.zeros(len(known))
+            step[known] = gls(columns, self.rows.y, way).beta[best._linear.shape[1] :]
+            for share in _SHARES:
+                theta = best.theta.copy()
+                theta[:count] = np.clip(theta[:count] + share * step[:count], low, high)
+                other = replace(best, theta=theta)
+                if (reached := other._misfit(way)) < left:
+                    break
+            else:
+                break
+            gained, best, left = left - reached, other, reached
+            if gained < _ENOUGH * left:
+                break
+        return best
+
+    def _misfit(self, way: Whitener) -> float:
+        return gls(self._linear, self.rows.y, way).rss
 
     def prepared(self, effect: Effect) -> Effect:
         """The effect with its scales fixed to the rows, as the model's terms see them."""
@@ -172,13 +206,18 @@ class Layout:
         return list(zip(self.rows.records, self.rows.masks, strict=True))
 
     @cached_property
-    def _others(self) -> FloatArray:
-        """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
+    def _linear(self) -> FloatArray:
+        """The model's columns and constants of the runs after the first."""
         sizes = [len(t) for t in self.rows.time]
         run = np.repeat(np.arange(len(sizes)), sizes)
         constants = [(run == i).astype(np.float64) for i in range(1, len(sizes)) if sizes[i]]
+        return np.column_stack([self._bound[1], *constants])
+
+    @cached_property
+    def _others(self) -> FloatArray:
+        """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
         rounding = [self.resolution.rounding(self._output)] if self.resolution.rate_step_dph else []
-        return np.column_stack([np.zeros((len(run), 0)), *constants, *self._slopes(), *rounding])
+        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], *self._slopes(), *rounding])
 
     @property
     def _output(self) -> FloatArray:
@@ -189,8 +228,12 @@ class Layout:
     def _slopes(self) -> list[FloatArray]:
         if not self.theta.size:
             return []
-        slopes = self.rows.slopes(self.theta, lambda moved: self.rows.bind(moved, trial=True)[1] @ self._beta)
+        slopes = self.rows.slopes(self.theta, self._output_at)
         return [slope for slope in slopes if np.all(np.isfinite(slope)) and np.any(slope)]
+
+    def _output_at(self, theta: FloatArray) -> FloatArray:
+        """The fitted bias (n,) [deg/h] with these parameters in the place of its own."""
+        return np.asarray(self.rows.bind(theta, trial=True)[1] @ self._beta)
 
 
 def _moved(bound: design.Bound, record: Dataset) -> Dataset:

@@ -49,11 +49,6 @@ class FoundEffect:
         """The effect's name in models."""
         return self.effect.name
 
-    @property
-    def on_bound(self) -> bool:
-        """Whether the search of a parameter ended at an end of its range: the data do not determine it."""
-        return any(p.on_bound(v) for p, v in zip(self.effect.parameters, self.suspect.theta, strict=True))
-
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
@@ -165,7 +160,10 @@ class Search:
             alike = tuple(one.effect for one in enough[1:])
         if not enough or _rounded(layout, enough[0]):
             return None
-        return FoundEffect(layout, evidence, enough[0], self.offer.effects[enough[0].name], alike)
+        # A parameter on its bound says that this is not the effect; one that no data tell from it may be.
+        tied = (one for one in enough if one.evidence >= enough[0].evidence - TIE)
+        best = next((one for one in tied if not one.on_bound), enough[0])
+        return FoundEffect(layout, evidence, best, self.offer.effects[best.name], alike)
 
     def _further(self, suspect: Suspect) -> float:
         """Evidence that it needs beside others."""
@@ -192,7 +190,8 @@ class Search:
         effect = self.offer.effects[leader.name]
         if not effect.moves_abscissa or not any(other.moves_abscissa for other in layout.rows.model.effects):
             return False
-        after = with_suspect(layout, effect, leader, ()).left
+        both = layout.adding(effect, leader.theta)
+        after = unseen(both.rows, both.theta, ()).left
         return prove(unseen(layout.rows, layout.theta, (), like=after).left, after).fall <= -PROVED_FALL
 
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
