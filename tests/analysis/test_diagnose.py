@@ -11,18 +11,20 @@ import pytest
 from bench.acquisition.profile.profile import profile_from_text
 from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.decision import decide
+from bench.analysis.diagnosis.describing import Describer, Description
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.diagnosis.probes import Finding
-from bench.analysis.diagnosis.proof import LeftOut
+from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.verdict import Search
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
+from bench.analysis.noise.likelihood import NoiseLattice
 from bench.base.errors import InputError
 from bench.cli.rendering import lines
 from bench.commands.results.analyse import Diagnosed
@@ -144,17 +146,74 @@ def test_an_effect_that_makes_up_for_another_is_contradicted_by_the_legs_that_ar
     assert not search._contradicted(case.layout, (0, 0), supply, 10.0)
 
 
+@pytest.mark.parametrize("by", ["check", "legs"])
 @pytest.mark.parametrize(("left_dph", "drifts", "word"), [
     (0.11, False, "missing_effect"), (0.12, False, "unknown_effect"), (0.11, True, "unknown_effect"),
 ])  # fmt: skip
-def test_what_stands_out_in_the_run_and_does_not_matter_on_the_check_run_leaves_an_effect_proved(
-    left_dph, drifts, word
+def test_what_stands_out_in_the_run_and_does_not_matter_on_unseen_data_leaves_an_effect_proved(
+    left_dph, drifts, word, by
 ):
     explained = SimpleNamespace(word="unknown_effect", drifts=drifts, left=(Finding("drive", 1e-7, 60.0, 4, None),))
     found = SimpleNamespace(found=True, proved=True)
-    base, improved = (Unseen(e, left=LeftOut("check", e * np.ones(900), np.ones(900))) for e in (0.15, left_dph))
+    base, improved = (Unseen(e, left=LeftOut(by, e * np.ones(900), np.ones(900))) for e in (0.15, left_dph))
     decision = decide(explained, [found], base, improved, 0.1, "")
     assert (decision.word, bool(decision.proved)) == (word, word == "missing_effect")
+
+
+@pytest.mark.parametrize(("less", "name"), [(1.5, "thermal_lag"), (7.0, "creep")])
+def test_an_effect_on_its_bound_gives_way_to_one_that_no_data_tell_from_it(still, less, name):
+    case = _Case.of((hidden_run(profile="short", seed=1),), SPLINE, still, [effects.make("creep"), *FEW], None)
+    stuck, free = (
+        SimpleNamespace(name=n, effect=n, evidence=e, on_bound=bound, contribution=np.zeros(len(case.layout.problem.y)))
+        for n, e, bound in (("creep", 20.0, True), ("thermal_lag", 20.0 - less, False))
+    )
+    evidence = SimpleNamespace(point=(0, 0), each_once=lambda: [stuck, free])
+    assert Search(case.offer, case.lattice, threshold=3.0)._next(case.layout, evidence, 0).name == name
+
+
+def test_an_effect_follows_what_is_found_beside_it(still):
+    """Found alone, creep of 1 h had taken in a part of a gradient of 700 s."""
+    run = hidden_run(profile="short", seed=1)
+    degc = run.channel("temperature")
+
+    def lag(tau_s):
+        state = np.full(len(degc), degc[0])
+        for i in range(1, len(degc)):
+            state[i] = state[i - 1] + (degc[i] - state[i - 1]) * (1.0 - np.exp(-INTERVAL_S / tau_s))
+        return state
+
+    more = 0.2 * (lag(3600.0) - degc) + 0.2 * (degc - lag(700.0))
+    layout = _Case.of((replace(run, channels={**run.channels, "rate": run.channels["rate"] + more}),), SPLINE, still,
+                      FEW, None).layout.adding(effects.make("creep"), (2.4,))  # fmt: skip
+    beside = layout.adding(effects.make("expression", {"formula": "k * (temperature - lag(temperature, 700))"}), ())
+    way = NoiseLattice(beside.problem.records(), INTERVAL_S).white()[0]
+    assert beside.settled(way, 1).theta == pytest.approx([1.0], rel=0.1)
+    assert beside.settled(way, 0).theta == pytest.approx([2.4])
+
+
+@pytest.mark.parametrize(("evidence", "kept"), [(-1.0, 0), (4.0, 1)])
+def test_a_formula_that_only_the_check_run_speaks_for_has_to_lower_the_error_there(still, evidence, kept):
+    case = _Case.of((hidden_run(profile="short", seed=1),), SPLINE, still, FEW, None)
+    one = SimpleNamespace(proof=Proof("check", 0.100, 0.105, -0.5), borne=14.0, evidence=evidence)
+    describer = SimpleNamespace(floor_dph=0.1, describe=lambda *_: Description((one,)))
+    explained = SimpleNamespace(word="adequate", steps=())
+    found, _ = case._formulas(explained, Unseen(0.1, 0.1), describer, proved=False)
+    assert len(found) == kept
+
+
+@pytest.mark.parametrize("more", [False, True])
+def test_a_formula_that_only_writes_the_effects_found_in_another_way_is_not_listed(monkeypatch, more):
+    one = SimpleNamespace(total=20.0, borne=0.0, one=SimpleNamespace(effect=SimpleNamespace(needs=())))
+    model, found = object(), object()
+    monkeypatch.setattr(Describer, "_borne", lambda *_: None)
+    monkeypatch.setattr(Describer, "_ranked", lambda _, layout, *__: [one] if layout is model else [])
+    monkeypatch.setattr(Describer, "_named", lambda *_: (22.0, 0.0))
+    monkeypatch.setattr(Describer, "_says_more", lambda *_: more)
+    monkeypatch.setattr(Describer, "_listed", lambda *_: ("listed",))
+    step = SimpleNamespace(name="hysteresis", suspect=SimpleNamespace(on_bound=False))
+    explained = SimpleNamespace(steps=(step,), layout=found, word="unknown_effect")
+    answer = Describer(None, (), 0.1)._beside(model, explained, (), SimpleNamespace(answer=tuple))
+    assert answer.formulas == (("listed",) if more else ())
 
 
 def test_a_name_that_leaves_much_more_than_the_noise_is_the_nearest_entry_and_not_the_cause(still):
