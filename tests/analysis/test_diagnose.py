@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bench.acquisition.profile.profile import profile_from_text
+from bench.analysis.diagnosis import describing
 from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.describing import Describer, Description
@@ -214,6 +215,27 @@ def test_a_formula_that_only_writes_the_effects_found_in_another_way_is_not_list
     explained = SimpleNamespace(steps=(step,), layout=found, word="unknown_effect")
     answer = Describer(None, (), 0.1)._beside(model, explained, (), SimpleNamespace(answer=tuple))
     assert answer.formulas == (("listed",) if more else ())
+
+
+@pytest.mark.parametrize(("total", "listed"), [(70.0, ("listed",)), (40.0, ())])
+def test_a_formula_takes_the_place_of_an_effect_on_its_bound_beside_those_that_are_determined(
+    monkeypatch, total, listed
+):
+    one = SimpleNamespace(total=total, borne=0.0, one=SimpleNamespace(effect=SimpleNamespace(needs=())))
+    model, found, others = object(), object(), object()
+    monkeypatch.setattr(describing, "with_found", lambda *_: others)
+    monkeypatch.setattr(Describer, "_borne", lambda *_: None)
+    monkeypatch.setattr(Describer, "_search", lambda *_: ())
+    monkeypatch.setattr(Describer, "_ranked", lambda _, layout, *__: [one] if layout is others else [])
+    monkeypatch.setattr(Describer, "_named", lambda *_: (90.0, 0.0))
+    monkeypatch.setattr(Describer, "_answer", lambda _, layout, ranked, *__: ("listed",) if ranked else ())
+    frost, creep = (
+        SimpleNamespace(name=name, suspect=SimpleNamespace(on_bound=bound, evidence=60.0))
+        for name, bound in (("frost", True), ("creep", False))
+    )
+    explained = SimpleNamespace(steps=(frost, creep), layout=found, word="missing_effect")
+    answer = Describer(None, (), 0.1)._beside(model, explained, (), SimpleNamespace(answer=tuple))
+    assert (answer.formulas, answer.replaces) == (listed, bool(listed))
 
 
 def test_a_name_that_leaves_much_more_than_the_noise_is_the_nearest_entry_and_not_the_cause(still):

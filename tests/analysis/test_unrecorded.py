@@ -218,7 +218,7 @@ def test_a_formula_that_check_runs_bear_by_their_evidence_is_told_unless_their_e
     after_dph, deviations, borne, told
 ):
     """Slow noise of a check run moves its error as much as a small effect does; it does not move the evidence."""
-    formula = SimpleNamespace(proof=Proof("check", 0.13, after_dph, deviations), borne=borne)
+    formula = SimpleNamespace(proof=Proof("check", 0.13, after_dph, deviations), borne=borne, evidence=1.0)
     case = SimpleNamespace(layout=SimpleNamespace(resolution=SimpleNamespace(words=str)))
     found = SimpleNamespace(formulas=(formula,), replaces=True)
     describer = SimpleNamespace(floor_dph=0.1, describe=lambda *_: found)

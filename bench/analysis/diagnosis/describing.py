@@ -18,7 +18,7 @@ from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import Proof, prove
 from bench.analysis.diagnosis.ranges import UNCATALOGUED
 from bench.analysis.diagnosis.suspects import Layout
-from bench.analysis.diagnosis.verdict import Explanation
+from bench.analysis.diagnosis.verdict import Explanation, with_found
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.probability import sized
@@ -145,6 +145,8 @@ class Describer:
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
         stuck = any(step.suspect.on_bound for step in explained.steps)
+        if stuck and not beside and (instead := self._instead(layout, explained, borne)):
+            return Description(instead, replaces=True)
         # Of the effects of a short list none pays for having been searched; a formula does.
         least = named - (FORMULA_EVIDENCE if stuck else TIE)
         if not beside and plain and plain[0].total > least:
@@ -155,7 +157,21 @@ class Describer:
         names = tuple(step.name for step in explained.steps)
         return Description(self._answer(explained.layout, beside, borne, names))
 
-    def _search(self, layout: Layout, best: Point, first: FoundFormula | None = None) -> tuple[FoundFormula, ...]:
+    def _instead(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[DescribedFormula, ...]:
+        """Formulas beside the effects that are determined, where they explain as much as those on their bounds do."""
+        steps = [step for step in explained.steps if not step.suspect.on_bound]
+        if not steps:
+            return ()
+        least = max(step.suspect.evidence for step in explained.steps if step.suspect.on_bound) - FORMULA_EVIDENCE
+        others = with_found(layout, steps)
+        ranked = self._ranked(others, self._search(others), borne)
+        if not ranked or ranked[0].total <= least:
+            return ()
+        return self._answer(others, ranked, borne, tuple(step.name for step in steps))
+
+    def _search(
+        self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None
+    ) -> tuple[FoundFormula, ...]:
         search = FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
         return search.search(0.0 if self.check else FORMULA_EVIDENCE)
 

@@ -105,7 +105,7 @@ class Search:
         steps = search.forward(layout, first)
         if len(steps) > 1:
             steps = search.again(layout, steps)
-        last_layout = _with(layout, steps)
+        last_layout = with_found(layout, steps)
         last = search.weigh(last_layout) if steps else first
         after = self._examine(last_layout, layout, last) if steps else before
         return Explanation(first, before, steps, last_layout, last, after, first.threshold)
@@ -137,7 +137,7 @@ class Search:
             if best is None:
                 break
             steps.append(best)
-            layout = _with(layout, steps[-1:])
+            layout = with_found(layout, steps[-1:])
             evidence = self.weigh(layout)
         return tuple(steps)
 
@@ -217,14 +217,15 @@ class Search:
         current, dropped = list(steps), list[str]()
         for step in steps:
             others = [s for s in current if s is not step]
-            without = _with(layout, others)
+            without = with_found(layout, others)
             best = self._next(without, self.weigh(without), len(others), dropped)
             current = others if best is None else [*others, best]
             dropped += [step.suspect.effect] if best is None else []
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
 
 
-def _with(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
+def with_found(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
+    """The layout with these effects at the parameters that each was found with."""
     for step in steps:
         layout = layout.adding(step.effect, step.suspect.theta)
     return layout
