@@ -83,9 +83,9 @@ class Layout:
         low, high = (np.array([getattr(p, end) for p in self.rows.parameters[:count]]) for end in ("low", "high"))
         for _ in range(_MOST_STEPS if count else 0):
             slopes = np.column_stack(best.rows.slopes(best.theta, best._output_at))
-            known = np.isfinite(slopes).all(axis=0) & slopes.any(axis=0)
+            known = np.isfinite(slopes).all(axis=0) & (np.abs(slopes).max(axis=0) > 0.0)
             columns = np.hstack([best._linear, slopes[:, known]])
-            step = np.zeros(len(known))
+            step = np.zeros(slopes.shape[1])
             step[known] = gls(columns, self.rows.y, way).beta[best._linear.shape[1] :]
             for share in _SHARES:
                 theta = best.theta.copy()
