@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.analysis.diagnosis.describing import Describer, _judged
+from bench.analysis.diagnosis.describing import Describer, _judged, _physics
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.grammar import Grammar
@@ -363,3 +363,14 @@ def test_two_formulas_may_stand_in_one_model_but_not_the_same_twice():
     assert [effect.name for effect in one.effects] == ["expression", "expression"]
     with pytest.raises(InputError, match="already"):
         add_effect(one, "k * quadrature")
+
+
+@pytest.mark.parametrize(("period_degc", "blocks", "said"), [
+    (9.0, 1, "like an etalon"), (50.0, 1, "more intervals of its spline may do the same"), (50.0, 2, ""),
+])  # fmt: skip
+def test_a_sine_over_much_of_the_range_is_a_bend_of_the_curve_and_no_etalon(period_degc, blocks, said):
+    layout = SimpleNamespace(temperature=np.array([-40.0, 85.0]))
+    text, formula = f"k * sin(2*pi*temperature/{period_degc})", SimpleNamespace(blocks=("sine", "dT_dt")[:blocks])
+    words = _physics(layout, SimpleNamespace(text=text, theta=(period_degc,), formula=formula))
+    assert said in words
+    assert bool(said) is bool(words)

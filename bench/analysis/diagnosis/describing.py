@@ -34,10 +34,13 @@ _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
 _IMPLAUSIBLE = 1.0  # of the spread of the bias over the run: a term larger than that cancels something
 _PERIODS = 5.0  # of a sine over time in one run: of fewer, a leg left out lies on the way between two others
+_CURVED = 0.25  # of the range of temperature: a sine with a longer period is a bend and no interference
 
+_ETALON = "like an etalon: interference, optical or electrical, over temperature"
+_COARSE = "like a curve that the model follows too coarsely: more intervals of its spline may do the same"
 _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
-    ("sin(2*pi*temperature", "like an etalon: interference, optical or electrical, over temperature"),
+    ("sin(2*pi*temperature", _ETALON),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
     ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),
     ("slew(", "like a control loop that follows the temperature no faster than its slew rate"),
@@ -331,7 +334,7 @@ class Describer:
             formula=text,
             expression=entry_text(effect),
             words=", and ".join(part.formula.words for part in parts),
-            like="; ".join(dict.fromkeys(filter(None, (_like(part.text) for part in parts)))),
+            like="; ".join(dict.fromkeys(filter(None, (_physics(layout, part) for part in parts)))),
             evidence=sum(part.evidence for part in parts),
             borne=sum(term.borne for term in terms),
             held_out_before_dph=before.rms_dph,
@@ -390,9 +393,12 @@ def _alike(one: FoundFormula, other: FoundFormula) -> bool:
     return product**2 > _ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
 
 
-def _like(text: str) -> str:
+def _physics(layout: Layout, one: FoundFormula) -> str:
     """The physics of a recognised special case."""
-    return next((words for part, words in _LIKE if part in text), "")
+    words = next((words for part, words in _LIKE if part in one.text), "")
+    if words != _ETALON or one.theta[0] < _CURVED * float(np.ptp(layout.temperature)):
+        return words
+    return _COARSE if len(one.formula.blocks) == 1 else ""
 
 
 def _acts(temperature: FloatArray, contribution: FloatArray) -> tuple[float, float]:
