@@ -229,7 +229,6 @@ def test_the_chamber_is_learnt_from_the_run_and_predicts_another(runs):
     run = runs["thermal_lag"]
     model = chamber_model([run])
     assert 60.0 < model.slow_s < 900.0
-    assert model.rms_degc < 0.5
     plan = minor_loops(LIMITS)
     other = record("thermal_lag", plan.to_yaml(LIMITS, "another run"), seed=3)
     predicted = model.temperature(other.time, other.channels["chamber_setpoint"])

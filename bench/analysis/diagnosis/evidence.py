@@ -52,7 +52,6 @@ class Suspect:
     effect: str
     """The effect that the candidate is a shape of."""
     evidence: float
-    weight: float
     theta: Theta
     excited: bool
     charged: float
@@ -195,7 +194,7 @@ def weigh(  # noqa: PLR0913 - options of one search
     threshold, luck = _bars(candidates, each) if nulls else (0.0, luck or {})
     suspects = [replace(s, evidence=s.evidence - luck.get(s.name, 0.0)) for s in suspects]
     chance = (each - np.array([[luck[c.name]] for c in candidates])).max(axis=0) if nulls else np.empty(0)
-    ranked = tuple(sorted(_weighted(suspects), key=lambda s: -s.evidence))
+    ranked = tuple(sorted(suspects, key=lambda s: -s.evidence))
     height, sigma2 = surface.known[best]
     return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, luck)
 
@@ -288,7 +287,6 @@ class _Weighing:
             name=candidate.name,
             effect=candidate.effect or candidate.name,
             evidence=reached.evidence,
-            weight=0.0,
             theta=reached.theta,
             excited=scanned.excited,
             charged=candidate.rarity * float(np.log(len(self.library.problem.y))),
@@ -348,14 +346,6 @@ def _least(reached: Sequence[_Reached]) -> float:
 def _points_for_candidates(best: Point) -> list[Point]:
     """Noise points a decade apart up to a decade above the base's: an effect explained leaves less noise, not more."""
     return [p for p in NoiseLattice.coarse(_DECADE) if all(i <= b + _DECADE for i, b in zip(p, best, strict=True))]
-
-
-def _weighted(suspects: Sequence[Suspect]) -> list[Suspect]:
-    """Posterior weights e^(E/2) with equal priors, "nothing missing" (E = 0) being one of the answers."""
-    top = max([0.0, *(s.evidence for s in suspects)])
-    share = [float(np.exp((s.evidence - top) / 2.0)) for s in suspects]
-    total = sum(share) + float(np.exp(-top / 2.0))
-    return [replace(s, weight=w / total) for s, w in zip(suspects, share, strict=True)]
 
 
 def drawn(surface: Surface, points: Sequence[Point], rng: np.random.Generator, runs: int) -> list[FloatArray]:

@@ -23,12 +23,11 @@ _BINS = 24
 
 @dataclass(frozen=True)
 class ChamberModel:
-    """Two lags [s] and an offset [degC] from set point to the unit's thermometer; `rms_degc` is how well they fit."""
+    """Two lags [s] and an offset [degC] from set point to the unit's thermometer."""
 
     slow_s: float = _TYPICAL_S[0]
     fast_s: float = _TYPICAL_S[1]
     offset_degc: float = 0.0
-    rms_degc: float = float("nan")
 
     def temperature(self, time_s: FloatArray, setpoint: FloatArray) -> FloatArray:
         """Temperature of the unit (n,) [degC] for a set point in force (n,), settled at the start."""
@@ -53,8 +52,7 @@ def chamber_model(records: Sequence[Dataset]) -> ChamberModel:
     # Robust: the start from room temperature and a chamber that cannot follow are not part of the lag.
     solved = scipy.optimize.least_squares(misfit, start, bounds=bounds, loss="soft_l1", f_scale=0.3)
     slow, fast = sorted(np.exp(solved.x[:2]).tolist(), reverse=True)
-    rms = float(np.sqrt(np.median(misfit(solved.x) ** 2)) / 0.6745)
-    return ChamberModel(slow, fast, float(solved.x[2]), rms)
+    return ChamberModel(slow, fast, float(solved.x[2]))
 
 
 def predicted_record(
