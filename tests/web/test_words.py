@@ -377,6 +377,31 @@ def test_a_finding_is_a_sentence_on_the_page() -> None:
     assert told("lib/said.js", call, given) == sentences
 
 
+def test_a_finding_keeps_the_names_of_the_user() -> None:
+    call = "console.log(JSON.stringify(given.map(([text, names]) => page.sentence(text, names))))"
+    given = [["abc is on can0", ["abc"]], ["unit abc is on can0", ["abc"]]]
+    assert told("lib/said.js", call, given) == ["abc is on can0.", "Unit abc is on can0."]
+
+
+@pytest.mark.parametrize(
+    ("language", "advice"),
+    [
+        ("en", ["give it as “Check”", "with --out of the command line", "or “bench diff A B --lot” in a terminal"]),
+        ("uk", ["дайте його як “Перевірка”", "--out командного рядка", "“bench diff A B --lot” у терміналі"]),
+        ("zh", ["作为“检验”给出", "命令行的--out", "终端中的“bench diff A B --lot”"]),
+    ],
+)
+def test_advice_for_the_command_line_is_one_for_the_page(language: str, advice: list[str]) -> None:
+    english = [
+        "Record another run and give it as --check before adding anything",
+        "cannot record: free some or choose another place with --out",
+        "or `bench diff A B --lot`",
+    ]
+    given = [terminal.told(text, language) or text for text in english]
+    for said, part in zip(spoken("lib/said.js", "advised", given, language), advice, strict=True):
+        assert part in said
+
+
 def test_every_option_of_an_effect_is_named_in_the_readers_language() -> None:
     options = {name for one in library_of_effects() for name in one.options}
     known = catalogue("zh")

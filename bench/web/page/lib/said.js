@@ -1,7 +1,7 @@
 // A text of the bench in the reader's language.
 import { html } from "./preact.js";
 import { store, useStore } from "./store.js";
-import { language, or } from "./words.js";
+import { language, or, t } from "./words.js";
 
 const sentences = store(/** @type {any} */ (null));
 let asked = false;
@@ -28,16 +28,30 @@ function named(name, at) {
 export const english = (text) =>
   text.replace(NAME, named).replaceAll(" +- ", " ± ").replace(/(?<=\d )degC\b/g, "°C").replace(/(\d) x(?=[ ,.;)]|$)/g, "$1 ×");
 
-const quoted = (text, whole) => text && (whole ? sentence(text) : text).replace(/`([^`]+)`/g, "“$1”");
+/** What the page has in place of an option of a command, by the words of its field. */
+const FIELDS = {
+  check: "workbench.role.check", static: "workbench.role.static", sister: "workbench.role.sister", output: "workbench.chosen.output",
+  limits: "verdict.head.limits", draft: "run.certificate.draft", laboratory: "papers.title", equipment: "papers.title",
+};
 
-/** A finding as a sentence: a plain word at its begin is capital, and it ends. */
-export const sentence = (text) => text.replace(/^\p{Ll}[\p{Ll}’'-]*(?=[ ,])/u, (word) => word[0].toUpperCase() + word.slice(1)).replace(/[^.!?…。]$/, language.get() === "zh" ? "$&。" : "$&.");
+/** Advice to somebody at a command line as it helps at the page: fields in place of options; a command says where it is given. */
+export const advised = (text) =>
+  text.replace(/`(bench [^`]+)`|(?<![\w-])--([a-z]+(?:-[a-z]+)*)/g, (option, command, name) => {
+    const field = or(FIELDS[name], null);
+    return command ? t("said.command", { command }) : field ? `“${field}”` : t("said.option", { option });
+  }).replace(/`([^`]+)`/g, "“$1”");
 
-/** `text` in the reader's language, `whole` as a sentence; marked as English where it stays so. */
-export function Said({ text, whole = false }) {
+const shown = (text, whole, names) => text && advised(whole ? sentence(text, names) : text);
+
+/** A finding as a sentence: a plain word at its begin is capital, but none of the user's `names`, and it ends. */
+export const sentence = (text, names = []) =>
+  text.replace(/^\p{Ll}[\p{Ll}’'-]*(?=[ ,])/u, (word) => (names.includes(word) ? word : word[0].toUpperCase() + word.slice(1))).replace(/[^.!?…。]$/, language.get() === "zh" ? "$&。" : "$&.");
+
+/** `text` in the reader's language, `whole` as a sentence, which keeps the user's `names`; marked as English where it stays so. */
+export function Said({ text, whole = false, names = [] }) {
   const known = useStore(sentences);
   const spoken = useStore(language);
-  if (!text || spoken === "en") return quoted(text && english(text), whole);
+  if (!text || spoken === "en") return shown(text && english(text), whole, names);
   if (!asked) fetchThem();
-  return quoted(known?.told(text, spoken), whole) ?? html`<span lang="en">${quoted(english(text), whole)}</span>`;
+  return shown(known?.told(text, spoken), whole, names) ?? html`<span lang="en">${shown(english(text), whole, names)}</span>`;
 }

@@ -94,7 +94,7 @@ function Step({ step, index, job }) {
     <span class=${`tone-${tone}`}>${step.state === "open" ? html`<span class="mark">${index + 1}</span>` : step.state === "begun" && job.state === "running" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${tone} />`}</span>
     <div><h2>${t(`step.name.${step.name}`)} <small class="soft">${stepWord(step, job)}${took(step) && !passedOver(step) && ` · ${took(step)}`}</small></h2>
       ${step.sentence && !passedOver(step) && html`<p class="small">${said(step) || html`<${Said} text=${step.sentence} />`}</p>`}
-      ${step.facts?.warnings?.map((text) => html`<p key=${text} class="small warning"><${Said} text=${text} whole /></p>`)}
+      ${step.facts?.warnings?.map((text) => html`<p key=${text} class="small warning"><${Said} text=${text} whole names=${[job.unit]} /></p>`)}
       ${ready && html`<p class="small">${step.name === "verify" ? html`<a href=${`/runs/${step.run}`}>${t("run.open")}</a>` : html`<a href=${`/workbench?run=${encodeURIComponent(step.run)}`}>${t("verdict.workbench")}</a>`}</p>`}
     </div></li>`;
 }

@@ -53,7 +53,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
       <${Curve} curve=${result?.curve ?? plan.curve} width=${760} height=${300} axes />
     </div>
     <div class="ready-go">
-      <${Checked} result=${result} error=${error} again=${again} />
+      <${Checked} result=${result} error=${error} again=${again} units=${order.units.map(serialOf)} />
       ${calibrating && html`<${Begun} begun=${result?.begun} anew=${order.anew} setAnew=${(anew) => answer({ anew })} /><${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
       ${!calibrating && limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
@@ -100,7 +100,7 @@ function Facts({ plan, result, station, units }) {
 }
 
 /** Findings of the check: one lamp for all, and each finding. */
-function Checked({ result, error, again }) {
+function Checked({ result, error, again, units }) {
   if (error) return html`<${Trouble} error=${error} retry=${again} />`;
   if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;
   const late = result.segments.filter((segment) => segment.outcome !== "done");
@@ -112,12 +112,12 @@ function Checked({ result, error, again }) {
   const tone = !result.ok ? "bad" : serious.length ? "warn" : "good";
   return html`<div id="check" class=${`checked notice ${tone}`} role="status">
     <p class="checked-word"><${Lamp} tone=${tone}>${t(`ready.${tone}`, { n: serious.length })}<//></p>
-    ${result.ok && serious.length > 1 ? html`<details><summary>${t("ready.warnings", { n: serious.length })}</summary><${Findings} findings=${serious} /></details>` : html`<${Findings} findings=${serious} />`}
-    ${notes.length > 0 && html`<details><summary>${t("ready.notes", { n: notes.length })}</summary><${Findings} findings=${notes} /></details>`}
+    ${result.ok && serious.length > 1 ? html`<details><summary>${t("ready.warnings", { n: serious.length })}</summary><${Findings} names=${units} findings=${serious} /></details>` : html`<${Findings} names=${units} findings=${serious} />`}
+    ${notes.length > 0 && html`<details><summary>${t("ready.notes", { n: notes.length })}</summary><${Findings} names=${units} findings=${notes} /></details>`}
   </div>`;
 }
 
-/** Findings of a check; `lines`: each with its line of the file where it names one. */
-export const Findings = ({ findings, lines = false }) => findings.length > 0 && html`<ul class="findings">
-  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${lines && line ? `${line}: ` : ""}<${Said} text=${text} whole /></span></li>`)}
+/** Findings of a check; `lines`: each with its line of the file where it names one; `names` of the user in them. */
+export const Findings = ({ findings, lines = false, names = [] }) => findings.length > 0 && html`<ul class="findings">
+  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${lines && line ? `${line}: ` : ""}<${Said} text=${text} whole names=${names} /></span></li>`)}
 </ul>`;
