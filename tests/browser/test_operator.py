@@ -188,7 +188,7 @@ def guarded(tmp_path, project):
 
 def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visitors):
     bench, token = guarded
-    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT], limits="short")
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT], limits="short", models=["polynomial"])
     page = visitors.come(bench.site.address)
     page.goto(f"/live/{run}")
     page.get_by_label("Token").fill(token)
@@ -216,6 +216,7 @@ def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visit
     judged = page.get_by_label("Judge by these limits")
     judged.wait_for()
     assert judged.input_value() == "short", "chosen for that run, not in this browser"
+    page.get_by_text("Models: polynomial").wait_for()
 
 
 TRACES = "import(document.querySelector('script[type=module]').src).then(({ traces }) => traces.get(run))"

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+import drivers
 from bench.base import InputError, library, parse_yaml, read_yaml
 from bench.cli import main
 from bench.commands import Order
@@ -450,6 +451,23 @@ def test_a_calibration_that_waits_knows_all_files_behind_its_plan(settings):
             "brief.yaml changed while"
             in CliRunner().invoke(main, ["queue", "list", "--server", str(client.base_url)]).output
         )
+
+
+@pytest.mark.parametrize("way", ["starts", "calibrations"])
+def test_what_waits_knows_the_files_that_its_station_names(settings, way):
+    stations = settings.project / "profiles" / "stations"
+    dbc = stations / "own.dbc"
+    dbc.write_text((Path(drivers.__file__).parent / "gyros" / "vibratory.dbc").read_text())
+    text = (library() / "stations" / "simulated.yaml").read_text()
+    (stations / "own.yaml").write_text(text.replace("identity: 1\n", "identity: 1\n    gyro: own.dbc\n"))
+    wanted = {"starts": {"plan": "brief"}, "calibrations": {"plan": "brief", "unit": "SIM-0001"}}[way]
+    with served(settings) as client:
+        later = f"{datetime.now(UTC) + timedelta(days=1):%Y-%m-%dT%H:%MZ}"
+        begun = client.post(f"/api/v1/{way}", json={**wanted, "station": "own", "not_before": later})
+        assert begun.status_code == 202, begun.text
+        dbc.write_text(dbc.read_text() + "\n")
+        (waiting,) = client.get("/api/v1/calibrations").json()["waiting"]
+        assert waiting["message"].startswith("own.dbc changed while this waited")
 
 
 @pytest.mark.parametrize("way", ["starts", "calibrations"])

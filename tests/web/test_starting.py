@@ -328,6 +328,17 @@ def test_only_a_plan_that_is_as_it_was_shipped_has_the_name_of_the_shipped_one(s
         assert describe(LiveRun((run,), LiveFile(0, 0, "", [], "")), None)["shipped"] is same
 
 
+def test_what_a_run_was_started_with_is_what_repeats_it(tmp_path, settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        later = {"units": ["SIM-0001"], "not_before": "2126-11-24T00:00:00Z"}
+        start = client.get(f"/api/v1/starts/{begin(client, 'short', **later)}").json()
+        client.delete(f"/api/v1/starts/{start['start']}").raise_for_status()
+    again = {"plan": "short", "station": "simulated", "units": ["SIM-0001"], "limits": None, "models": ["polynomial"]}
+    assert describe(LiveRun((tmp_path,), LiveFile(0, 0, "", [], "")), start)["again"] == again
+
+
 def test_plans_and_stations_are_those_of_the_project_and_of_the_library(settings):
     made, bearer = settings
     diagnosed = made.own / "plans"

@@ -262,7 +262,7 @@ def _order(intended: Intended, here: Settings, who: Who) -> Order:
         equipment=catalog.equipment(settings),
         plan_file=plan,
         digests=[order.digest() for order in orders],
-        behind=tuple(orders[0].files()),
+        behind=(*orders[0].files(), *settings.files()),
         units=units,
         who={"name": who.name, "role": who.role, "address": who.address},
     )

@@ -124,6 +124,7 @@ class Again(BaseModel):
     station: str | None
     units: list[str]
     limits: str | None = None
+    models: list[str] = []
 
 
 class Run(BaseModel):

@@ -59,9 +59,10 @@ class Order:
     flashes: Path | None = None
     """Run whose calibration is written into its unit (`bench flash`)."""
     plan_file: Path | None = None
-    """Of a calibration, with the digests of its jobs, one for each unit, and the files behind it."""
+    """Of a calibration, with the digests of its jobs, one for each unit."""
     digests: Sequence[str] = ()
     behind: Sequence[Path] = ()
+    """Files that plan and station name."""
     release: str = ""
     """Why a held calibration goes on."""
     anew: bool = False
@@ -71,7 +72,8 @@ class Order:
     """Wait until then, too."""
     units: Sequence[str] = ()
     """Units of the station, or new ones in their slots (`NEW@KNOWN`)."""
-    models: Sequence[str] = ()
+    models: Mapping[str, str] = field(default_factory=dict)
+    """By name, each as `bench run --model` takes it."""
     limits: Path | None = None
     who: Mapping[str, str] = field(default_factory=dict)
     """The user, for events and manifest: name, role, address."""
@@ -80,7 +82,7 @@ class Order:
         """Arguments of `bench`."""
         more = [] if self.flashes else [("--unit", unit) for unit in self.units]
         more += [("--run", str(self.flashes))] if self.flashes else []
-        more += [("--model", model) for model in self.models]
+        more += [("--model", model) for model in self.models.values()]
         more += [("--limits", str(self.limits))] if self.limits else []
         more += [("--station", str(self.station_file)), ("--out", str(out))]
         more += [("--plan", str(self.plan_file))] if self.plan_file else []
@@ -91,7 +93,7 @@ class Order:
 
     def files(self) -> list[Path]:
         """Files that say what it does."""
-        models = [Path(model) for model in self.models if Path(model).is_file()]
+        models = [Path(model) for model in self.models.values() if Path(model).is_file()]
         named = (self.station_file, self.profile_file, self.plan_file, self.limits, *models, *self.behind)
         return [file for file in named if file is not None]
 

@@ -13,7 +13,7 @@ from bench.web.live.finding import ids
 from bench.web.plans import catalog
 from drivers.errors import DriverError
 
-_ANSWERS = ("plan", "station", "units", "limits")
+_ANSWERS = ("plan", "station", "units", "limits", "models")
 """What was chosen for a run on the page."""
 
 

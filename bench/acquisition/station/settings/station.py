@@ -248,6 +248,11 @@ class StationSettings(BaseModel):
         copied._written = file
         return copied
 
+    def files(self) -> tuple[Path, ...]:
+        """Files that the station file names: map, DBCs, laboratory, equipment, notification; not shipped ones."""
+        named = (self.chamber.map, self.laboratory, self.equipment, self.notify, *(unit.dbc for unit in self.units))
+        return tuple(Path(file) for file in dict.fromkeys(named) if file is not None and Path(file).is_absolute())
+
     def place(self, *path: str | int) -> tuple[str | None, int | None]:
         """File and line of what stands at `path` in the station file; None where it was not read from one."""
         return (None, None) if self._written is None else (self._written.file, self._written.line(path))

@@ -12,7 +12,7 @@ import { planTitle, stationName } from "../lib/names.js";
 import { Ready } from "./start/ready.js";
 import { UnitQuestion } from "./start/unit.js";
 
-const NOTHING = { units: [], station: null, plan: null, calibration: null, limits: null, anew: false };
+const NOTHING = { units: [], station: null, plan: null, calibration: null, limits: null, models: null, anew: false };
 /** The answers so far; kept while the operator views another page. */
 const order = store(NOTHING);
 /** Station of the last start in this browser. */
@@ -35,8 +35,8 @@ function useChoices() {
   return { ...choices, load };
 }
 
-/** The answers in the address, if they exist: `/start?unit=…&station=…&plan=…&limits=…` or `…&calibration=…&anew=true`. */
-function asked({ unit, station, plan, calibration, limits = null, anew }, { plans, calibrations, stations }) {
+/** The answers in the address, if they exist: `/start?unit=…&station=…&plan=…&limits=…&models=…` or `…&calibration=…&anew=true`. */
+function asked({ unit, station, plan, calibration, limits = null, models, anew }, { plans, calibrations, stations }) {
   const units = unit ? unit.split(",") : [];
   const there = stations.filter((one) => units.length && units.every((each) => one.units.includes(slotOf(each))));
   const place = there.find((one) => one.id === station) ?? (there.length === 1 ? there[0] : null);
@@ -45,7 +45,7 @@ function asked({ unit, station, plan, calibration, limits = null, anew }, { plan
     station: place?.id ?? null,
     plan: plans.some((one) => one.id === plan) ? plan : null,
     calibration: calibrations.some((one) => one.id === calibration) ? calibration : null,
-    limits, anew: anew === "true",
+    limits, models: models?.split(",").filter(Boolean) ?? null, anew: anew === "true",
   };
 }
 
@@ -85,7 +85,7 @@ export default function Start({ query }) {
 function Steps({ now, step, station, plan, answer }) {
   const steps = [
     ["unit", now.units.map(serialOf).join(", "), () => answer({ units: [], station: null })],
-    ["plan", plan && planTitle(plan), () => answer({ plan: null, calibration: null, limits: null, anew: false })],
+    ["plan", plan && planTitle(plan), () => answer({ plan: null, calibration: null, limits: null, models: null, anew: false })],
     ["ready", "", null],
   ];
   const at = steps.findIndex(([name]) => name === step);

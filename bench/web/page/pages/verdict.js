@@ -175,8 +175,8 @@ function Fault({ end }) {
 
 /** The start page with the same answers as for this run. */
 function repeat(run) {
-  const { plan, station, units, limits } = run.again ?? { plan: run.profile, station: run.station, units: run.runs.map((each) => each.split("/")[0]) };
-  return `/start?${new URLSearchParams({ unit: units.join(","), station, plan, ...(run.again ? { limits: limits ?? "" } : {}) })}`;
+  const { plan, station, units, limits, models } = run.again ?? { plan: run.profile, station: run.station, units: run.runs.map((each) => each.split("/")[0]) };
+  return `/start?${new URLSearchParams({ unit: units.join(","), station, plan, ...(run.again ? { limits: limits ?? "", models: models.join(",") } : {}) })}`;
 }
 
 function Ways({ units, run, reported }) {

@@ -30,6 +30,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
   });
   const { result, error, again } = useCheck({ ...order, limits: within });
   const [later, setLater] = useState("");
+  const models = order.models ?? plan.models;
   const start = async (queue = false) => {
     setStarting(true);
     setRefused(null);
@@ -37,7 +38,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
       const more = { ...operatorOf(), queue, ...(later ? { not_before: new Date(later).toISOString() } : {}) };
       if (!calibrating) lastLimits.set((now) => ({ ...now, [plan.id]: within }));
       const way = calibrating ? await beginAll(order, result.begun, more)
-        : await startRun("/starts", { plan: order.plan, station: order.station, units: order.units, ...more, models: plan.models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
+        : await startRun("/starts", { plan: order.plan, station: order.station, units: order.units, ...more, models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
       begun();
       navigate(way ?? "/calibrations");
     } catch (problem) {
@@ -60,7 +61,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
           <option value="">${t("ready.no_limits")}</option>
           ${limits.map((one) => html`<option key=${one.id} value=${one.id}>${limitsName(one.id, one.title ?? one.id)}</option>`)}
         </select>
-        ${plan.models.length > 0 && html`<p class="soft small">${t("ready.models", { models: plan.models.join(", ") })}</p>`}</div>`}
+        ${models.length > 0 && html`<p class="soft small">${t("ready.models", { models: models.join(", ") })}</p>`}</div>`}
       <${OperatorField} />
       <${Trouble} error=${refused} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
