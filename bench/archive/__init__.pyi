@@ -51,6 +51,7 @@ from .fleet.statistics import Statistics as Statistics
 from .fleet.statistics import statistics as statistics
 from .fleet.statistics import to_csv as to_csv
 from .fleet.trends import figure as figure
+from .fleet.trends import thinned as thinned
 from .fleet.trends import trends as trends
 from .fleet.units import NoUnitError as NoUnitError
 from .fleet.units import choices as choices

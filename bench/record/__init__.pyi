@@ -128,8 +128,10 @@ from .samples import samples_writer as samples_writer
 from .samples import write_samples as write_samples
 from .signing import keep_secret as keep_secret
 from .signing import keys_folder as keys_folder
+from .verified import Verified as Verified
 from .verified import verifications as verifications
 from .verified import verified_by as verified_by
+from .verified import verified_in as verified_in
 from .whole import Origin as Origin
 from .whole import fitted_runs as fitted_runs
 from .whole import origin_of_whole as origin_of_whole

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bench.base import InputError
@@ -18,12 +18,24 @@ def verified_by(run: Path) -> Path | None:
     return origin if origin is not None and (origin / Manifest.FILE).is_file() else None
 
 
-def verifications(calibration: Path) -> Iterator[tuple[Path, VerificationRecord]]:
-    """The runs that verify the calibration of this run, with their records, oldest first; without damaged ones."""
-    for file in sorted(calibration.parent.glob(f"*/{VerificationRecord.FILE}")):
-        record = _record(file.parent)
-        if record is not None and Path(record.calibration_run or "").name == calibration.name:
-            yield file.parent, record
+Verified = Mapping[str, Sequence[tuple[Path, VerificationRecord]]]
+
+
+def verified_in(unit: Path) -> Verified:
+    """The runs of a unit that verify a calibration, with their records, oldest first, by the run of the calibration.
+
+    Without damaged ones. Who asks about many runs of a unit looks into its folders once.
+    """
+    found: dict[str, list[tuple[Path, VerificationRecord]]] = {}
+    for file in sorted(unit.glob(f"*/{VerificationRecord.FILE}")):
+        if (record := _record(file.parent)) is not None and record.calibration_run:
+            found.setdefault(Path(record.calibration_run).name, []).append((file.parent, record))
+    return found
+
+
+def verifications(calibration: Path) -> Sequence[tuple[Path, VerificationRecord]]:
+    """The runs that verify the calibration of this run, with their records, oldest first."""
+    return verified_in(calibration.parent).get(calibration.name, ())
 
 
 def _record(run: Path) -> VerificationRecord | None:

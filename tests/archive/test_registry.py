@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 import uuid
 from datetime import date
+from functools import partial
 from itertools import count
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ import pytest
 import sqlalchemy
 
 from bench.archive.fleet.listing import listing
+from bench.archive.registry import rows as rows_module
 from bench.archive.registry import summaries
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import archive
@@ -30,9 +32,37 @@ from bench.record.folder import RunFolder
 from bench.record.records.lot import LotRecord
 from tests.support.databases import binaries, database, postgres
 from tests.support.run_folders import keep, make_run
+from tests.support.unit_history import UNIT, unit_with_history
 
 NUMBERS = count()
 THERMOMETER = {"kind": "equipment", "name": "Pt100", "serial": "7", "type": "sensor", "due_on": "2027-01-31"}
+
+
+def test_runs_of_one_unit_are_not_compared_each_with_each(tmp_path):
+    """Thousands of runs of a golden unit: twice the runs, twice the steps of the database."""
+    steps = []
+    for number in (200, 400):
+        with open_registry(tmp_path / f"{number}.sqlite") as registry:
+            with registry.writing() as connection:
+                connection.execute(TABLES["archives"].insert(), {"id": "a", "path": "a"})
+                connection.execute(TABLES["units"].insert(), {"serial": "G", "archive": "a"})
+                rows = [{"id": f"a/{i}", "archive": "a", "path": f"{i}", "unit": "G", "manifest_sha256": f"{i}"}
+                        for i in range(number)]  # fmt: skip
+                connection.execute(TABLES["runs"].insert(), rows)
+            count = []
+            with registry.reading() as connection:
+                connection.connection.driver_connection.set_progress_handler(partial(count.append, 1), 100)
+            assert len(runs(registry, "G")) == number
+            steps.append(len(count))
+    assert 0 < steps[1] < 3 * steps[0]
+
+
+def test_a_registry_is_made_with_one_look_into_the_folders_of_a_unit(tmp_path, monkeypatch):
+    unit_with_history(tmp_path)
+    looked = []
+    monkeypatch.setattr(rows_module, "verified_in", lambda unit: looked.append(unit) or {})
+    rows_module.of_archive(archive(tmp_path))
+    assert looked == [tmp_path / UNIT]
 
 
 @pytest.fixture(scope="module")

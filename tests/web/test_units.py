@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from bench.archive import runs
+from bench.archive import Archive, runs
 from bench.archive.fleet import figures
 from bench.archive.fleet.board import harmless
 from bench.commands.registering import register
@@ -60,6 +60,20 @@ def test_a_history_says_which_calibration_counts_and_why_the_others_do_not(clien
     assert unit["calibrations"][0]["age_days"] < unit["calibrations"][4]["age_days"]
     aborted = [run for run in unit["runs"] if run["state"] == "aborted"]
     assert [run["cause"] for run in aborted] == ["guard: chamber temperature"]
+
+
+def test_of_a_long_history_the_newest_part_is_answered_and_what_counts(client, monkeypatch):
+    looked = []
+    monkeypatch.setattr(Archive, "folder", lambda self, run, own=Archive.folder: looked.append(run) or own(self, run))
+    whole, part = (client.get(f"{API}/units/{UNIT}", params=most).json() for most in ({}, {"most": 2}))
+    assert len(looked) < 2 * len(whole["runs"]), "no folder is opened that is not told of"
+    assert part["of"] == whole["of"] == {"runs": 6, "calibrations": 5}
+    for name in ("runs", "calibrations"):
+        assert [one["run"] for one in part[name]] == [one["run"] for one in whole[name]][:2]
+    assert part["counts"]["run"] == whole["calibrations"][2]["run"], "the one in the unit, which is older"
+    trend = part["trends"][0]
+    assert (trend["of"], trend["change"]) == (5, pytest.approx(0.08))
+    assert [point["value"] for point in trend["points"]] == pytest.approx([0.12, 0.168, 0.184, 0.2])
 
 
 def test_a_trend_goes_over_runs_with_its_limits(client):

@@ -30,6 +30,7 @@ from bench.record import (
 
 DAY_S = 86400.0
 _REFUSED = {"FAIL", "INVALID"}
+_IN_UNIT = "in_unit"
 _UNPROVEN = {"measured", "unproven", "partial", "no_data"}
 
 Found = dict[str, Any]
@@ -50,21 +51,32 @@ class Archive:
         return folder if folder.is_dir() else None
 
 
-def unit_history(registry: Registry, archive: Archive, serial: str, now: datetime) -> Found:
-    """The whole history, newest first; InputError for a unit that is not in the registry."""
+def unit_history(registry: Registry, archive: Archive, serial: str, now: datetime, most: int | None = None) -> Found:
+    """The history, newest first, with at most so many runs and calibrations; InputError for an unknown unit.
+
+    `of` says how many there are, `counts` is the calibration that counts: the one in the unit, else the newest usable.
+    """
     known = known_unit(registry, serial)
     if known is None:
         raise InputError(f"no unit '{serial}' in the registry; the list of units shows the known ones")
     found = runs_of(registry, serial)
     memory, wholes = writes(archive.root, serial), _wholes(archive.root / slug(serial))
+    fitted = calibrations(registry, archive, found, memory, now)
+    counting = sorted((one for one in fitted if one["usable"] or one["status"] == _IN_UNIT), key=_first_in_unit)
     return {
         "serial": serial,
         "lot": known["lot"],
-        "runs": [_run(run, archive, wholes) for run in found],
-        "calibrations": calibrations(registry, archive, found, memory, now),
+        "runs": [_run(run, archive, wholes) for run in found[:most]],
+        "calibrations": fitted[:most],
+        "counts": next(iter(counting), None),
+        "of": {"runs": len(found), "calibrations": len(fitted)},
         "memory": next((one for one in memory if one["state"] == "done"), None),
         "writes": memory,
     }
+
+
+def _first_in_unit(calibration: Found) -> bool:
+    return bool(calibration["status"] != _IN_UNIT)
 
 
 def _wholes(unit: Path) -> Mapping[str, ImuVerificationRecord]:
@@ -101,12 +113,15 @@ def calibrations(
     printed = dict(_printed(archive.root, slug(str(runs[0]["unit"])))) if runs else {}
     held = next((one["run"] for one in memory if one["state"] == "done"), None)
     out: list[Found] = []
+    passed_before = False
     for run in runs:
         row = rows.get(run["id"])
         if row is None or row["model"] is None or run["corrected"]:
             continue
         held_here, refused = held in _names(run, row, archive), row["judged"] in _REFUSED
-        status = "in_unit" if held_here else _status(run, row, passed_before=any(one["usable"] for one in out))
+        status = _IN_UNIT if held_here else _status(run, row, passed_before)
+        usable = status != "not_passed" and not refused
+        passed_before |= usable
         certificate = None
         if own := issued.get(run["id"]):
             certificate = {key: own[key] for key in ("number", "verdict", "issued", "operator")}
@@ -114,7 +129,7 @@ def calibrations(
         out.append({
             "run": run["path"], "created": run["created"], "age_days": _age_days(run["created"], now),
             "model": row["model"], "verdict": row["verdict"], "judged": row["judged"], "limits": row["limits"],
-            "validity": row["validity"] or {}, "status": status, "usable": status != "not_passed" and not refused,
+            "validity": row["validity"] or {}, "status": status, "usable": usable,
             "certificate": certificate, "coefficients_sha256": row["coefficients_sha256"],
         })  # fmt: skip
     return out

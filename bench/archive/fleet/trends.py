@@ -41,6 +41,14 @@ def trends(registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any
     return [_trend(name, units[name], points[name], limits.get(name)) for name in sorted(points, key=_place)]
 
 
+def thinned(trend: Found, most: int, run: str | None) -> Found:
+    """The same with its newest points, the first one of each profile, from which a change counts, and that of `run`."""
+    points = trend["points"]
+    firsts = {point["profile"]: point["run"] for point in reversed(points)}
+    kept = {run, *firsts.values(), *(point["run"] for point in points[-most:])}
+    return {**trend, "points": [point for point in points if point["run"] in kept]}
+
+
 def _place(name: str) -> tuple[int, str]:
     return (FIRST.index(name) if name in FIRST else len(FIRST), name)
 
@@ -55,7 +63,8 @@ def _trend(name: str, unit: str, points: list[Found], limit: JudgedQuantity | No
     above = upper is not None and last["value"] > upper
     below = lower is not None and last["value"] < lower
     return {
-        "name": name, "unit": unit, "lower": lower, "upper": upper, "points": points, "last": last["value"],
+        "name": name, "unit": unit, "lower": lower, "upper": upper, "points": points, "of": len(points),
+        "last": last["value"],
         "change": change, "outside": above or below,
     }  # fmt: skip
 

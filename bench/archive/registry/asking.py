@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import date
 from typing import Any
 
-from sqlalchemy import ColumnElement, select
+from sqlalchemy import ColumnElement, func, select
 
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS
@@ -34,16 +34,19 @@ def runs(
         .join_from(run, units, units.c.serial == run.c.unit)
         .join(calibration, calibration.c.run == run.c.id, isouter=True)
         .join(diagnosis, diagnosis.c.run == run.c.id, isouter=True)
-        .where(once() if archive is None else run.c.archive == archive, *among)
+        .where(once(unit) if archive is None else run.c.archive == archive, *among)
         .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
         .limit(most)
     )
     return _found(registry, chosen if unit is None else chosen.where(run.c.unit == unit))
 
 
-def once() -> ColumnElement[bool]:
-    """Of a run whose folder was copied to another archive, one row counts."""
+def once(unit: str | None = None) -> ColumnElement[bool]:
+    """Of a run whose folder was copied to another archive, one row counts; with `unit`, among its runs."""
     run, other = TABLES["runs"], TABLES["runs"].alias()
+    if unit is not None:  # each run is not compared with each
+        first = select(func.min(other.c.id)).where(other.c.unit == unit).group_by(other.c.manifest_sha256)
+        return run.c.id.in_(first)
     same = (other.c.unit == run.c.unit, other.c.manifest_sha256 == run.c.manifest_sha256)
     return ~select(other.c.id).where(*same, other.c.id < run.c.id).exists()
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import date
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,10 @@ from bench.record import (
     RunFolder,
     StoredResidual,
     Verdict,
+    VerificationRecord,
+    Verified,
     sha256,
-    verifications,
+    verified_in,
     whole_fitted_to,
 )
 
@@ -68,10 +71,10 @@ def update(rows: Rows, more: Rows) -> None:
 
 def of_archive(ledger: Ledger) -> tuple[Rows, list[str]]:
     """Rows of every run folder and of the ledger, and an error line for each folder that cannot be read."""
-    rows, unreadable, seen = of_ledger(ledger), [], ledger.seen()
+    rows, unreadable, seen, verified_of = of_ledger(ledger), [], ledger.seen(), cache(verified_in)
     for manifest in sorted(ledger.root.glob(f"*/*/{MANIFEST}")):
         try:
-            update(rows, of_run(RunFolder(manifest.parent), ledger, seen))
+            update(rows, of_run(RunFolder(manifest.parent), ledger, seen, verified_of))
         except (InputError, OSError) as error:
             unreadable.append(str(error))
     return rows, unreadable
@@ -120,7 +123,12 @@ def place_of(folder: RunFolder, ledger: Ledger) -> str:
     return folder.path.resolve().relative_to(ledger.root.resolve()).as_posix()
 
 
-def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | None, str]]) -> Rows:
+def of_run(
+    folder: RunFolder,
+    ledger: Ledger,
+    seen: Mapping[str, tuple[int | None, str]],
+    verified_of: Callable[[Path], Verified] = verified_in,
+) -> Rows:
     """The rows of one run folder, `seen` by its ledger; InputError where its manifest cannot be read.
 
     A lot's calibration, which is made from runs of units, is no run of a unit: it has no row.
@@ -158,7 +166,7 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
         judged = verified.limits if verified and verified.limits else judged
     elif calibration is not None:
         row = _calibration(run, calibration, sha256(folder.path / CalibrationRecord.FILE))
-        word = _as_verified(folder.path, judged.verdict)
+        word = _as_verified(verified_of(folder.path.parent).get(folder.path.name, ()), judged.verdict)
         put(rows, "calibrations", {**row, "judged": word, "limits": judged.name})
     if (diagnosis := DiagnosisRecord.find(folder.path)) is not None:
         file_sha256 = sha256(folder.path / DiagnosisRecord.FILE)
@@ -175,9 +183,9 @@ def of_run(folder: RunFolder, ledger: Ledger, seen: Mapping[str, tuple[int | Non
     return rows
 
 
-def _as_verified(run: Path, judged: str | None) -> str | None:
+def _as_verified(found: Iterable[tuple[Path, VerificationRecord]], judged: str | None) -> str | None:
     """The word of a calibration: FAIL where the newest verification with a verdict on the unit is FAIL."""
-    words = [found.verdict for _, found in verifications(run) if found.verdict.judged]
+    words = [record.verdict for _, record in found if record.verdict.judged]
     return Verdict.FAIL.value if words and words[-1] is Verdict.FAIL else judged
 
 

@@ -17,6 +17,7 @@ from bench.archive import (
     known_unit,
     listing,
     printed_certificate,
+    thinned,
     trends,
     unit_history,
 )
@@ -142,18 +143,23 @@ class Trend(BaseModel):
     lower: float | None
     upper: float | None
     points: list[Point]
+    of: int
+    """How many points there are."""
     last: float
     change: float | None
     outside: bool
 
 
 class History(BaseModel):
-    """All about one unit, the newest first."""
+    """All about one unit, the newest first; `of`: how many runs and calibrations there are."""
 
     serial: str
     lot: str | None
+    of: dict[str, int]
     runs: list[PastRun]
     calibrations: list[PastCalibration]
+    counts: PastCalibration | None
+    """The calibration that counts: the one in the unit, else the newest usable."""
     memory: Write | None
     writes: list[Write]
     trends: list[Trend]
@@ -201,12 +207,15 @@ def units(
 
 
 @router.get("/units/{serial}")
-def unit(serial: Serial, stock: Stocked) -> History:
-    """All about one unit."""
+def unit(serial: Serial, stock: Stocked, most: Annotated[int | None, Query(ge=1, le=10**6)] = None) -> History:
+    """All about one unit; at `most` so many runs, calibrations and points of a trend, the newest."""
     archive = stock.archive
     with _opened(stock, serial) as registry:
-        found = unit_history(registry, archive, serial, datetime.now(UTC))
-        return History(**found, trends=trends(registry, archive, runs_of(registry, serial)))
+        found = unit_history(registry, archive, serial, datetime.now(UTC), most)
+        course = trends(registry, archive, runs_of(registry, serial))
+    if most is not None:
+        course = [thinned(one, most, found["counts"] and found["counts"]["run"]) for one in course]
+    return History(**found, trends=course)
 
 
 @router.get("/units/{serial}/trends/{quantity}")

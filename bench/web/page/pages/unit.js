@@ -10,6 +10,8 @@ import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
 import { Outcome, Spark, Tile, useFirst, useGet, Verdict } from "./stock/parts.js";
 
+/** Runs, calibrations and points of a trend that are asked for at first. */
+const MOST = 100;
 const RAIL = [-60, 120];
 const STATUS_TONES = { in_unit: "good", newest: "link", superseded: "idle", not_passed: "bad" };
 
@@ -57,7 +59,7 @@ function Calibration({ one, serial }) {
 
 function Memory({ unit }) {
   const held = unit.memory;
-  const own = unit.calibrations.find(({ status }) => status === "in_unit")?.run; // of a whole unit the folder beside it is written
+  const own = unit.counts?.status === "in_unit" && unit.counts.run; // of a whole unit the folder beside it is written
   const failed = unit.writes[0]?.state === "failed" ? unit.writes[0] : null;
   return html`<section class="panel stack" aria-labelledby="memory"><h2 id="memory">${t("units.memory")}</h2>
     ${failed && html`<div class="notice bad"><p>${t("units.memory.failed", { when: moment(failed.utc) })}${sign(" ")}<${Said} text=${failed.error} /></p></div>`}
@@ -77,7 +79,7 @@ function Trends({ unit }) {
   const one = unit.trends.find((trend) => trend.name === chosen);
   const { data, error, again } = useGet(one ? url`/units/${unit.serial}/trends/${chosen}` : null);
   if (!one) return html`<p class="soft">${t("units.trends.none")}</p>`;
-  const words = t("units.trends.words", { name: quantityWord(one.name), n: one.points.length, last: `${sig(one.last)} ${symbols(one.unit)}` });
+  const words = t("units.trends.words", { name: quantityWord(one.name), n: one.of, last: `${sig(one.last)} ${symbols(one.unit)}` });
   return html`<div class="st-two">
     <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
       <thead><tr><th scope="col">${t("units.quantity")}</th><th scope="col" class="broad">${t("units.course")}</th><th scope="col" class="n">${t("units.newest_value")}</th><th scope="col" class="n">${t("units.limit")}</th></tr></thead>
@@ -93,13 +95,13 @@ function Trends({ unit }) {
   </div>`;
 }
 
-function Calibrations({ unit }) {
-  const { first, more } = useFirst(unit.calibrations, 20);
+function Calibrations({ unit, ask }) {
+  const { first, more } = useFirst(unit.calibrations, 20, unit.of.calibrations, ask);
   return html`<ol class="st-cards">${first.map((one) => html`<${Calibration} key=${one.run} one=${one} serial=${unit.serial} />`)}</ol>${more}`;
 }
 
-function Runs({ unit }) {
-  const { first, more } = useFirst(unit.runs, 100);
+function Runs({ unit, ask }) {
+  const { first, more } = useFirst(unit.runs, MOST, unit.of.runs, ask);
   return html`<div class="scroll"><table class="st-table lines">
     <thead><tr>${["when", "kind", "profile", "outcome", "took"].map((key) => html`<th key=${key} scope="col" class=${key === "profile" ? "whole" : undefined}>${t(`units.run.${key}`)}</th>`)}
       <th scope="col" class="wide">${t("units.station")}</th><th scope="col" class="wide">${t("units.run.operator")}</th><th scope="col" class="whole"><span class="unseen">${t("units.run.open")}</span></th></tr></thead>
@@ -124,7 +126,7 @@ function Left({ trend, points }) {
 }
 
 function Summary({ unit }) {
-  const counts = unit.calibrations.find((one) => one.status === "in_unit") ?? unit.calibrations.find((one) => one.usable);
+  const { counts } = unit;
   const error = unit.trends.find((trend) => trend.name === "residual_rms_dph");
   const last = unit.runs[0];
   const same = error && (!counts || error.points.some(({ run }) => run === counts.run)) && alike(error, counts?.run);
@@ -133,12 +135,14 @@ function Summary({ unit }) {
       more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
     <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runTitle(counts.run)].filter(Boolean).join("; ")} />
     ${same && html`<${Left} trend=${error} points=${same} />`}
-    <${Tile} what=${t("units.runs")} value=${unit.runs.length} more=${last && t("units.tile.last", { when: moment(last.created) })} />
+    <${Tile} what=${t("units.runs")} value=${unit.of.runs} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;
 }
 
 export default function Unit({ params }) {
-  const { data: unit, error, again } = useGet(url`/units/${params.serial}`);
+  const [most, setMost] = useState(MOST);
+  const ask = (wanted) => setMost(Math.max(most, wanted));
+  const { data: unit, error, again } = useGet(`${url`/units/${params.serial}`}?most=${most}`);
   const head = html`<p class="small"><a href="/units">← ${t("units.title")}</a></p>`;
   if (error?.status === 404) {
     return html`<div class="page stack"><h1>${params.serial}</h1><${Unknown} what=${t("units.unknown", { serial: params.serial })} way="/units" words=${t("units.all")} /></div>`;
@@ -149,9 +153,9 @@ export default function Unit({ params }) {
     <div class="st-head"><h1>${unit.serial}</h1>${unit.lot && html`<a class="soft" href=${`/units?q=${encodeURIComponent(unit.lot)}`}>${t("units.lot")} ${unit.lot}</a>`}</div>
     <${Summary} unit=${unit} />
     <section class="stack" aria-labelledby="calibrations"><h2 id="calibrations">${t("units.calibrations")}</h2>
-      ${unit.calibrations.length ? html`<${Calibrations} unit=${unit} />` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>
+      ${unit.calibrations.length ? html`<${Calibrations} unit=${unit} ask=${ask} />` : html`<p class="soft">${t("units.tile.no_calibration")}</p>`}</section>
     <section class="stack" aria-labelledby="trends"><h2 id="trends">${t("units.trends")}</h2><${Trends} unit=${unit} /></section>
     <${Memory} unit=${unit} />
-    <section class="stack" aria-labelledby="runs"><h2 id="runs">${t("units.runs")}</h2><${Runs} unit=${unit} /></section>
+    <section class="stack" aria-labelledby="runs"><h2 id="runs">${t("units.runs")}</h2><${Runs} unit=${unit} ask=${ask} /></section>
   </div>`;
 }

@@ -33,10 +33,14 @@ export function useGet(path) {
   return { ...state, again };
 }
 
-/** The first of a long list, and a button that shows so many more of them. */
-export function useFirst(list, many) {
+/** The first of a long list of `of`, and a button that shows so many more of them; `ask(n)` gets those that are not here. */
+export function useFirst(list, many, of, ask) {
   const [most, setMost] = useState(many);
-  const more = list.length > most && html`<p><button type="button" onClick=${() => setMost(most + many)}>${t("units.more")}</button></p>`;
+  const further = () => {
+    setMost(most + many);
+    if (most + many > list.length && list.length < of) ask(most + many);
+  };
+  const more = of > most && html`<p><button type="button" onClick=${further}>${t("units.more")}</button></p>`;
   return { first: list.slice(0, most), more };
 }
 
