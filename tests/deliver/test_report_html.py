@@ -317,6 +317,24 @@ def test_a_browser_draws_every_figure_offline(whole: Analysis, tmp_path: Path) -
     assert done.stdout.count('class="plot js-plotly-plot"') == len(FIGURES)
 
 
+@pytest.mark.skipif(CHROMIUM is None or shutil.which("pdftotext") is None, reason="no chromium or no poppler here")
+@pytest.mark.slow
+def test_on_paper_no_heading_stands_alone_at_the_foot_of_a_page(whole: Analysis, tmp_path: Path) -> None:
+    path, pdf = write_report(whole), tmp_path / "report.pdf"
+    flags = (
+        f"--headless --no-sandbox --disable-gpu --virtual-time-budget=20000 --no-pdf-header-footer --print-to-pdf={pdf}"
+    )
+    command = [str(CHROMIUM), *flags.split(), f"--user-data-dir={tmp_path / 'profile'}", path.as_uri()]
+    subprocess.run(command, capture_output=True, timeout=120, check=True)
+    printed = subprocess.run(["pdftotext", "-layout", str(pdf), "-"], capture_output=True, text=True, check=True)
+    last = [page.strip().splitlines()[-1].strip() for page in printed.stdout.split("\f") if page.strip()]
+    html = path.read_text(encoding="utf-8")
+    before = re.findall(r"<(?:h2|h3|dt)[^>]*>([^<]+)<|<p[^>]*>([^<]+)</p>\s*(?=<figure|<div class=.scroll)", html)
+    alone = ["".join(one).strip() for one in before]
+    assert len(last) > 4
+    assert [line for line in last if any(text.endswith(line) for text in alone)] == []
+
+
 @pytest.mark.parametrize("simulated", [True, False])
 def test_a_report_of_a_simulated_run_says_so_above_everything(tmp_path, simulated):
     run = make_run(tmp_path / "run", **ramp_run(loop_dph=0.0), simulated=simulated)

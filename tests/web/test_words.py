@@ -377,6 +377,12 @@ def test_a_finding_is_a_sentence_on_the_page() -> None:
     assert told("lib/said.js", call, given) == sentences
 
 
+def test_a_value_and_its_sign_stay_in_one_line() -> None:
+    given = ["leaves 1.5 × in its diagnosis, 0.2 °C"]
+    told_of = ["leaves 1.5\u00a0×\u00a0in its diagnosis, 0.2\u00a0°C"]
+    assert spoken("lib/words.js", "unbroken", given, "en") == told_of
+
+
 def test_a_finding_keeps_the_names_of_the_user() -> None:
     call = "console.log(JSON.stringify(given.map(([text, names]) => page.sentence(text, names))))"
     given = [["abc is on can0", ["abc"]], ["unit abc is on can0", ["abc"]]]

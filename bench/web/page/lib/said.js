@@ -1,7 +1,7 @@
 // A text of the bench in the reader's language.
 import { html } from "./preact.js";
 import { store, useStore } from "./store.js";
-import { language, or, t } from "./words.js";
+import { language, or, t, unbroken } from "./words.js";
 
 const sentences = store(/** @type {any} */ (null));
 let asked = false;
@@ -41,7 +41,7 @@ export const advised = (text) =>
     return command ? t("said.command", { command }) : field ? `“${field}”` : t("said.option", { option });
   }).replace(/`([^`]+)`/g, "“$1”");
 
-const shown = (text, whole, names) => text && advised(whole ? sentence(text, names) : text);
+const shown = (text, whole, names) => text && unbroken(advised(whole ? sentence(text, names) : text));
 
 /** A finding as a sentence: a plain word at its begin is capital, but none of the user's `names`, and it ends. */
 export const sentence = (text, names = []) =>

@@ -48,6 +48,9 @@ export function speakOfAll() {
 /** The space between a number and its unit or sign. */
 const BEFORE_UNIT = /(?<=\d) (?=[°%×±]|(?:h|min|m?s|Hz|V|[KMGT]i?B|deg\/h|год|хв|м?с|Гц|В|[КМГТ]і?Б)(?!\p{L}))|(?<=[×±]) (?=[\p{L}\d])/gu;
 
+/** A text with a value and its unit or sign in one line. */
+export const unbroken = (text) => text.replace(BEFORE_UNIT, "\u00a0");
+
 /** A text in one line: no-break spaces for all of its spaces. */
 export const inOneLine = (text) => text.replaceAll(" ", "\u00a0");
 
@@ -58,10 +61,10 @@ export const inOneLine = (text) => text.replaceAll(" ", "\u00a0");
 export function t(key, values = {}) {
   let text = words[key] ?? key;
   if (typeof text === "object") text = text[new Intl.PluralRules(language.get()).select(values.n)] ?? text.other;
-  return text.replace(/\{(\w+)\}/g, (whole, name) => {
+  return unbroken(text.replace(/\{(\w+)\}/g, (whole, name) => {
     const value = values[name];
     return value === undefined ? whole : typeof value === "number" ? number(value) : value;
-  }).replace(BEFORE_UNIT, "\u00a0");
+  }));
 }
 
 /** Whether the catalogue has this key. */

@@ -191,10 +191,10 @@ const NAMED = { limits: (id) => limitsName(id), station: stationName, plan: plan
 
 /** Runs that do not count here, and how the simulated ones among them are seen. */
 function LeftOut({ fleet, simulated, choose }) {
-  const reasons = fleet.left_out.map((text) => text.replace(/\((.*); --profile\)/, (_, names) => `(${names.split(", ").map(planOf).join(", ")})`));
+  const reasons = fleet.left_out.map((text) => text.replace(/\((.*); --profile\)/, (_, names) => `(${names.split(", ").map((id) => `\`${planOf(id)}\``).join(sign(", "))})`));
   if (!reasons.length && !simulated) return null;
   const others = reasons.some((text) => /^\d+ simulated$/.test(text));
-  return html`<p class="soft small">${reasons.length > 0 && html`${t("fleet.left_out")} ${reasons.map((text, i) => html`${i ? ", " : ""}<${Said} key=${text} text=${text} />`)}. `}
+  return html`<p class="soft small">${reasons.length > 0 && html`${t("fleet.left_out")}${sign(" ")}<${Said} text=${reasons.join("; ")} whole /> `}
     ${(others || simulated) && html`<button type="button" class="narrow quiet" onClick=${() => choose(simulated ? "" : "true")}>${t(simulated ? "fleet.show_real" : "fleet.show_simulated")}</button>`}</p>`;
 }
 
