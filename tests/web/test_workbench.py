@@ -235,6 +235,13 @@ def test_a_residual_over_what_the_run_does_not_have_is_refused_with_what_there_i
     assert "quadrature" in answer["detail"]
 
 
+@pytest.mark.parametrize("kind", ["temperature", "loop", "axes"])
+def test_a_selection_without_data_is_said_and_no_other_figure_stands_for_it(client, kind):
+    body = {"kind": kind, "runs": [RUN], "model": SPLINE, "over": "temperature", "from_degc": 300, "to_degc": 301}
+    answer = ended(client, "/figures", body)
+    assert (answer["state"], "nothing was captured in this range" in answer["detail"]) == ("failed", True)
+
+
 @pytest.mark.parametrize("kind", ["time", "temperature", "loop", "axes"])
 def test_the_residual_in_a_figure_can_be_keptfrom_all_else(client: httpx.Client, kind: str) -> None:
     made = done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE})["figure"]

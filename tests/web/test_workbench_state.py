@@ -37,6 +37,17 @@ def test_the_address_holds_runs_model_and_what_is_shown() -> None:
     assert len(set(found["texts"])) == len(actions) + 1
 
 
+def test_a_time_that_is_selected_holds_in_its_run_and_a_temperature_in_every_one() -> None:
+    actions = [{"type": "view", "view": {"figure": "loop"}}, {"type": "view", "view": {"of": OTHER}}]
+    script = """
+    const { zooms, actions } = given;
+    const after = (zoom) => actions.map((action) => page.change({ ...page.stateOf(""), zoom }, action).zoom);
+    console.log(JSON.stringify(zooms.map(after)));
+    """
+    given = {"zooms": ["h:1,2", "degC:-10,20"], "actions": actions}
+    assert told("pages/workbench/state.js", script, given) == [["h:1,2", ""], ["degC:-10,20", "degC:-10,20"]]
+
+
 def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
     added = [{"type": "add", "effects": [{"effect": name}]} for name in ("aging", "creep")]
     back, again = {"type": "undo"}, {"type": "redo"}

@@ -102,6 +102,10 @@ class Drawing:
         return error_of("run", (data,), (data.bias - self.fitted(),)).rms_dph
 
 
+class EmptyRangeError(InputError):
+    """The drawn run has nothing in the selected range: no other figure may stand for it."""
+
+
 def draw(inputs: dict[str, Any]) -> Figure:
     """The figure of a request with its description and its table.
 
@@ -110,6 +114,8 @@ def draw(inputs: dict[str, Any]) -> Figure:
     drawing, make = Drawing.read(inputs), FIGURES[inputs["kind"]]
     try:
         return make(drawing)
+    except EmptyRangeError:
+        raise
     except InputError as error:
         if drawing.model is None or inputs["kind"] not in BARE:
             raise
@@ -169,7 +175,7 @@ def temperature(drawing: Drawing) -> Figure:
         if shown.sum() >= min(drawing.width, _MOST_ROWS) / 2:
             break
     if shown is None or not shown.any():
-        raise InputError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
+        raise EmptyRangeError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
     fitted = drawing.fitted(data.interval_s)
     floor_dph = drawing.floor_dph()
     plot = over_temperature(data, fitted, drawing.name, finite(floor_dph), shown)
@@ -240,7 +246,7 @@ def loop(drawing: Drawing) -> Figure:
     data = drawing.data()
     shown = _inside(data, drawing)
     if not shown.any():
-        raise InputError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
+        raise EmptyRangeError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
     if drawing.model is None:
         plot, values, what = loop_figure(data.select(shown)), data.bias[shown], said("bias")
     else:
@@ -265,7 +271,7 @@ def axes(drawing: Drawing) -> Figure:
         return {**_axes_of_all(drawing), "axes": known}
     x, fitted, shown = coordinate_over(data, drawing.over), drawing.model is not None, _inside(data, drawing)
     if not shown.any():
-        raise InputError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
+        raise EmptyRangeError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
     data, x = data.select(shown), replace(x, values=x.values[shown])
     y = data.bias - drawing.fitted()[shown] if fitted else data.bias
     floor_dph = drawing.floor_dph()
@@ -293,7 +299,7 @@ def _axes_of_all(drawing: Drawing) -> Figure:
             values.append((one.of.id, x.values[shown], y[shown]))
             spans.append(said("of", name=one.of.id, span=span(y[shown])))
     if not values:
-        raise InputError("nothing was captured in this range of temperature and time")
+        raise EmptyRangeError("nothing was captured in this range of temperature and time")
     what = said("residual", model=drawing.name) if drawing.model else said("bias")
     drawn = {id_ for id_, *_ in values}
     left_out = [one.of.id for one in each if one.of.id not in drawn]

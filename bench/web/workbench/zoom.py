@@ -53,7 +53,7 @@ def view(
     begin = first if span[0] is None else max(first, span[0])
     end = last if span[1] is None else min(last, span[1])
     if not end > begin:
-        raise InputError(f"{base.name}: no data from {begin:g} to {end:g} s; the run has {first:g} to {last:g} s")
+        raise InputError(f"{base.name}: no data in this range; the run has {first:g} to {last:g} s, choose among them")
     width = (end - begin) / min(max(bins, 10), MOST_BINS)
     read = _samples(samples, begin, end) if end - begin <= SAMPLES_WITHIN_S and samples.is_file() else None
     if read is not None and read[0].size:

@@ -106,10 +106,10 @@ function spanOf(selection) {
   return selection.axis === "h" ? { from_s: Math.max(0, low * HOUR_S), to_s: high * HOUR_S } : { from_degc: low, to_degc: high };
 }
 
-/** A selection that was made over another quantity than that of this figure. */
-function Selection({ selection, act }) {
+/** A selection, `heeded` by this figure or not. */
+function Selection({ selection, heeded, act }) {
   const range = `${selection.range.map((end) => number(end)).join(" … ")} ${symbols(selection.axis)}`;
-  return html`<span class="wb-chip">${t("workbench.figure.only", { range })} <button type="button" class="wb-x" aria-label=${t("workbench.figure.reset")} onClick=${() => act({ type: "zoom", zoom: "" })}>×</button></span>`;
+  return html`<span class="wb-chip">${t(heeded ? "workbench.figure.only" : "workbench.figure.whole", { range })} <button type="button" class="wb-x" aria-label=${t("workbench.figure.reset")} onClick=${() => act({ type: "zoom", zoom: "" })}>×</button></span>`;
 }
 
 /** Choice of the drawn run, of bias or residual in the loop, of the abscissa. */
@@ -186,7 +186,7 @@ export function Pictures({ session, picked, once }) {
       ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${once(job.failed) && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
-      ${!picked && heeded && !range && html`<p><${Selection} selection=${heeded} act=${act} /></p>`}
+      ${!picked && selection && (!range || job.failed) && html`<p><${Selection} selection=${selection} heeded=${heeded} act=${act} /></p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${once(answer.note) ? html`${t("workbench.figure.bare")} <${Said} text=${answer.note} />` : t("workbench.figure.bare_only")}</p>`}
       ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}
       <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}

@@ -41,8 +41,11 @@ export function change(state, action) {
       return { ...state, at: Math.max(0, at - 1), picture: "" };
     case "redo":
       return { ...state, at: Math.min(steps.length - 1, at + 1), picture: "" };
-    case "view":
-      return { ...state, picture: "", ...action.view };
+    case "view": {
+      // A time is one of the run that was drawn; a temperature holds in every run.
+      const zoom = "of" in action.view && state.zoom.startsWith("h:") ? "" : state.zoom;
+      return { ...state, picture: "", zoom, ...action.view };
+    }
     case "output":
       return { ...state, output: action.output, picture: "" };
     case "zoom":
