@@ -103,6 +103,25 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     page.locator(".wb-words", has_text="means over").wait_for()
 
 
+def test_an_error_or_a_floor_that_is_not_known_says_why(page):
+    """An hour of a log without a soak: two dashes, and no word."""
+
+    def unknown(route):
+        told = route.fetch().json()
+        if told["kind"] == "analysis" and told["state"] == "done":
+            (model,) = told["result"]["models"]
+            model["held_out_rms_dph"] = None
+            model["held_out"] = [{**model["held_out"][0], "rms_dph": None, "reason": "without block 7 of the run"}]
+            told["result"] |= {"floor_dph": None, "floor_reason": "no isothermal stretch of at least 5 minutes"}
+        route.fulfill(json=told)
+
+    page.route("**/api/v1/jobs/*", unknown)
+    choose(page)
+    page.get_by_text("held-out: without block 7 of the run").wait_for()
+    page.get_by_text("noise floor: no isothermal stretch of at least 5 minutes").wait_for()
+    page.unroute_all(behavior="ignoreErrors")
+
+
 def take_the_others(page):
     """Use the check run and the static run that the page offers."""
     for role in ("Check", "Static"):

@@ -180,17 +180,17 @@ def _left_out(
                 model, records, rows, covariance="none", weights=whole.weights or "count", start=whole.theta, hold=hold
             )
         except InputError as error:
-            return HeldOut(by, reason=f"without {_named(records[i], by, piece)}: {error}")
+            return HeldOut(by, reason=f"{_without(records[i], by, piece)}: {error}")
         residuals[i][out] = (records[i].bias - part.predict(records[i]).bias)[out]
         outside += int(np.sum(part.out_of_range(records[i], NEAR_RANGE) & out))
     share = outside / sum(len(record) for record in records)
     return error_of(by, records, residuals, share)
 
 
-def _named(record: Dataset, by: str, piece: int) -> str:
+def _without(record: Dataset, by: str, piece: int) -> str:
     if by == "segments":
-        return f"segment '{segment_name(record, piece)}' of {record.name}"
-    return f"block {piece + 1} of {record.name}"
+        return f"without segment '{segment_name(record, piece)}' of {record.name}"
+    return f"without block {piece + 1} of {record.name}"
 
 
 def _segments(

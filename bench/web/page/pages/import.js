@@ -114,7 +114,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
   return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
       ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
     ${shown.problem && html`<div class="notice warn" role="alert"><p><${Said} text=${shown.problem} /></p>${!understood && !choice.time?.column && html`<p class="small">${t("import.step")}</p>`}</div>`}
-    ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
+    ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} whole /></p></div>`)}
     ${table(kinds.channels.filter(there))}
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
     ${rest.length > 0 && html`<div class="row soft"><span>${t("import.rest")}</span>${rest.slice(0, MOST_OFFERED).map(({ name }) => (spare ? html`<button key=${name} title=${t("import.use", { column: name, channel: channelWord(spare) })} onClick=${() => change(spare, { column: name, unit: "" })}>+ ${name}</button>` : html`<span key=${name}>${name}</span>`))}
@@ -128,7 +128,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
 function Done({ result, again }) {
   const [unit] = result.run.split("/");
   return html`<div class="panel stack"><h2><${Lamp} tone="good">${t("import.done")}<//></h2><p class="mono">${result.run}</p>
-    ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} /></p></div>`)}
+    ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} whole /></p></div>`)}
     <div class="row"><a class="button primary" href=${`/workbench?run=${encodeURIComponent(result.run)}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/units/${encodeURIComponent(unit)}`}>${t("import.to_unit", { unit })}</a>
       <button onClick=${again}>${t("import.another")}</button></div></div>`;

@@ -13,7 +13,7 @@ import { ask, companions, known, likelyRole, useJob, useSession } from "./sessio
 import { same } from "./state.js";
 import { timesFloor } from "../../lib/floor.js";
 import { Unknown } from "../../lib/parts.js";
-import { joined } from "../../lib/words.js";
+import { joined, sign } from "../../lib/words.js";
 import { Suspects, pictureOf } from "./suspects.js";
 import { Said } from "../../lib/said.js";
 
@@ -23,7 +23,7 @@ const analysisOf = (runs, model) => ({ ...runs, models: [model] });
 /** A rung of the ladder from an analysis, or null without one. */
 function rungOf(step, runs) {
   const found = known("/analyses", analysisOf(runs, step.model))?.models[0];
-  return found ? { label: step.label, inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by } : null;
+  return found ? { label: step.label, inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by, why: found.held_out[0]?.reason } : null;
 }
 
 const WHERE = () => ({
@@ -77,6 +77,7 @@ function Standing({ session, analysis, floor, whole }) {
       <${Tile} value=${last.inSample} floor=${floor} title=${t("workbench.ladder.in_sample")} mark="in" />
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t(floorWord(last, floor))} />
     </div>`}
+    ${last && [["held_out", last.heldOut, last.why], ["floor", floor, analysis.result?.floor_reason]].filter(([, value, why]) => value === null && why).map(([name, , why]) => html`<p key=${name} class="wb-warn small">${t(`workbench.ladder.${name}`)}${sign(": ")}<${Said} text=${why} /></p>`)}
     ${last && html`<${Ladder} rungs=${rungs} floor=${floor} name=${`${runs.runs[0]} ladder`} />`}
     <${BySegment} segments=${analysis.result?.models[0].segments} />
     <${Waiting} job=${analysis}>${t("workbench.analysis.running")}<//>
