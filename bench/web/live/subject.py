@@ -33,7 +33,7 @@ def describe(live: LiveRun, start: dict[str, Any] | None) -> dict[str, Any]:
         "start": start["start"] if start else None,
         "who": start["who"] if start else None,
         "job": job_of(live.path),
-        "again": {key: start.get(key) for key in _ANSWERS} if start and not start["digest"] else None,
+        "again": {key: start[key] for key in _ANSWERS if key in start} if start and not start["digest"] else None,
         "nominal_s": 0.0,
         "segments_s": [],
         "curve": [],
