@@ -79,9 +79,11 @@ class Layout:
         An effect that was found first took in a part of what is found beside it. The evidence of that counts the
         parameters of the first as free; what is predicted with both has to have them where both fit.
         """
-        best, left = self, self._misfit(way)
+        best, left = self, self._misfit(way) if count else np.inf
+        if left == np.inf:
+            return self
         low, high = (np.array([getattr(p, end) for p in self.rows.parameters[:count]]) for end in ("low", "high"))
-        for _ in range(_MOST_STEPS if count else 0):
+        for _ in range(_MOST_STEPS):
             slopes = np.column_stack(best.rows.slopes(best.theta, best._output_at))
             known = np.isfinite(slopes).all(axis=0) & (np.abs(slopes).max(axis=0) > 0.0)
             columns = np.hstack([best._linear, slopes[:, known]])
@@ -101,7 +103,10 @@ class Layout:
         return best
 
     def _misfit(self, way: Whitener) -> float:
-        return gls(self._linear, self.rows.y, way).rss
+        try:
+            return gls(self._linear, self.rows.y, way).rss
+        except InputError:  # no column can be formed at these parameters
+            return np.inf
 
     def prepared(self, effect: Effect) -> Effect:
         """The effect with its scales fixed to the rows, as the model's terms see them."""
