@@ -22,7 +22,6 @@ from bench.analysis.diagnosis.verdict import Explanation, with_found
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.probability import sized
-from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
 from bench.base import Aside, FloatArray
 from bench.record import Dataset
@@ -188,11 +187,11 @@ class Describer:
         if not found:
             return []
         ranked, count = list[_Ranked](), len(layout.theta) if count is None else count
-        before = unseen(layout.rows, layout.settled(self._way(found[0]), count).theta, self.check)
+        before = unseen(layout.rows, layout.settled(self.lattice.way(found[0].point), count).theta, self.check)
         for one in found:
             if not one.sized or (not self.check and one.evidence <= FORMULA_EVIDENCE):
                 continue
-            after = layout.adding(one.effect, one.theta).settled(self._way(one), count)
+            after = layout.adding(one.effect, one.theta).settled(self.lattice.way(one.point), count)
             scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
             each = _Ranked(one, after, scored, borne.gain(before.left, scored.left))
             if each.total > FORMULA_EVIDENCE:
@@ -238,7 +237,7 @@ class Describer:
 
     def _says_more(self, one: FoundFormula, named: Layout) -> bool:
         """Whether a formula gains beside the effects found, too; else it only writes them in a shorter way."""
-        way = self._way(one)
+        way = self.lattice.way(one.point)
         basis = orthonormal(way.apply(named.problem.base))
         further, left = outside(basis, one.white), outside(basis, way.apply(named.problem.y))
         size = float(further @ further)
@@ -279,10 +278,6 @@ class Describer:
             terms = [*terms[:least], *terms[least + 1 :]]
         return terms
 
-    def _way(self, one: FoundFormula) -> Whitener:
-        """Of the fitted rows, at the noise beside a formula."""
-        return self.lattice.at([one.point])[0][0]
-
     def _joint(self, layout: Layout, terms: Sequence[_Ranked]) -> tuple[Gls, list[list[int]], Layout]:
         """The fit of all terms at the parameters of each, the coefficients of each term, and the layout with them."""
         parts = [term.one for term in terms]
@@ -295,7 +290,7 @@ class Describer:
             [first + known.index(entry[0]) for entry in part.amplitude_entries(name)]
             for part, name in zip(parts, AMPLITUDES, strict=False)
         ]
-        return gls(columns, layout.problem.y, self._way(parts[-1])), own, after
+        return gls(columns, layout.problem.y, self.lattice.way(parts[-1].point)), own, after
 
     def _sized(
         self, layout: Layout, terms: Sequence[_Ranked]
@@ -310,7 +305,7 @@ class Describer:
             return entries, parts[0].contribution
         fit, own, after = self._joint(layout, terms)
         order, first = [row for rows in own for row in rows], layout.problem.base.shape[1]
-        way = self._way(parts[-1])
+        way = self.lattice.way(parts[-1].point)
         # With the slopes along the parameters behind the columns.
         at = after.rows.bind(after.theta, trial=True)[1].shape[1] - len(fit.beta)
         deviations = np.sqrt(np.diag(gls(after.problem.base, layout.problem.y, way).covariance))
@@ -325,10 +320,12 @@ class Describer:
     ) -> DescribedFormula:
         parts = [term.one for term in terms]
         text, effect, theta = together(parts)
-        way, count = self._way(parts[-1]), len(layout.theta)
-        after = layout.adding(effect, theta).settled(way, count)
+        way, count = self.lattice.way(parts[-1].point), len(layout.theta)
         amplitudes, contribution = self._sized(layout, terms)
-        scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
+        after, scored = terms[0].after, terms[0].scored
+        if len(terms) > 1:
+            after = layout.adding(effect, theta).settled(way, count)
+            scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
         before = unseen(layout.rows, layout.settled(way, count).theta, self.check, like=scored.left)
         return DescribedFormula(
             formula=text,

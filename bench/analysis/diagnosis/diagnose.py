@@ -293,7 +293,7 @@ class _Case:
             one
             for one in found.formulas
             if one.proof.falls is not False
-            or (min(one.borne - FORMULA_EVIDENCE, one.evidence) > 0.0 and one.proof.deviations > -PROVED_DEVIATIONS)
+            or (one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS)
         )
         return proved_first(kept), bool(kept) and found.replaces and kept[0] is found.formulas[0]
 

@@ -138,7 +138,7 @@ class Discrimination:
         for point, weight, sigma2, (way,) in zip(points, weights, variances[:noises], lattice.at(points), strict=True):
             basis = orthonormal(way.apply(problem.base))
             spaces = [self._spaces(c, own, way, basis) for c, own in zip(candidates, tried, strict=True)]
-            known = lattice_of(self._layout.problem).at([point])[0][0]
+            known = lattice_of(self._layout.problem).way(point)
             for i, rival in enumerate(self._rivals):
                 white = way.apply(self._means(problem, candidates[i], self._drawn[i], known, sigma2))
                 others = [j for j, other in enumerate(self._rivals) if other.effect.family != rival.effect.family]
@@ -177,7 +177,7 @@ class Discrimination:
         rows = self._layout.rows
         planned = predicted_record(rows.records, plan.setpoint(), rows.records[0].interval_s, self._chamber)
         columns = self._base.columns(planned)
-        known = lattice_of(self._layout.problem).at([self._noise])[0][0]
+        known = lattice_of(self._layout.problem).way(self._noise)
         beta = gls(self._layout.problem.base, self._layout.problem.y, known).beta
         planned = planned.with_channel("rate", columns @ beta[: columns.shape[1]])
         masks = (*rows.masks, np.ones(len(planned), dtype=bool))

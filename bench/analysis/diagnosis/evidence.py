@@ -124,7 +124,7 @@ class Suspect:
     @property
     def way(self) -> Whitener:
         """Of the fitted rows, at the noise beside it."""
-        return self.refiner.lattice.at([self.point])[0][0]
+        return self.refiner.lattice.way(self.point)
 
     @cached_property
     def _columns(self) -> FloatArray:
@@ -307,7 +307,7 @@ class _Weighing:
         near = sorted(region, key=surface.height)[:_NULL_POINTS]
         # Less noise than the base has, as far as a candidate may get.
         less = [point for point in _points_for_candidates(self.best) if point not in near]
-        mean = problem.base @ gls(problem.base, problem.y, lattice.at([self.best])[0][0]).beta
+        mean = problem.base @ gls(problem.base, problem.y, lattice.way(self.best)).beta
         run, *statics = drawn(surface, near, np.random.default_rng(seed), runs)
         scan = self.library.scan(lattice, [*near, *less], mean[:, None] + run, statics, self.workers)
         evidence = scan.base - scan.values - self.library.paid(self.candidates)[:, None]

@@ -178,7 +178,7 @@ class FormulaSearch:
     def _chance(self, library: Library, points: Sequence[Point], paid: FloatArray) -> float:
         """The evidence that the best formula reaches in simulated runs without any effect, at the usual level."""
         problem = self._layout.problem
-        mean = problem.base @ gls(problem.base, problem.y, self._lattice.at([self._best])[0][0]).beta
+        mean = problem.base @ gls(problem.base, problem.y, self._lattice.way(self._best)).beta
         near = sorted(self._surface.region(self._best, 8.0, step=_DECADE), key=self._surface.height)[:8]
         run, *statics = drawn(self._surface, near, np.random.default_rng(self._seed), _NULLS)
         some = list(dict.fromkeys([*near[:3], *points[:4]]))
@@ -214,7 +214,7 @@ class FormulaSearch:
         paid = candidate.paid(base.shape[1], columns.shape[1])
         log_n = float(np.log(len(self._layout.problem.y)))
         evidence = self._surface.height(self._best) - reached - paid * log_n - price
-        way = self._lattice.at([point])[0][0]
+        way = self._lattice.way(point)
         sigma2 = self._refiner.sigma2(candidate, theta, point)
         fit = gls(np.column_stack([base, columns]), self._layout.problem.y, way, sigma2)
         own = fit.beta[base.shape[1] :]
@@ -297,7 +297,7 @@ class FormulaSearch:
         at, rows = self._refiner.at(point), len(self._layout.problem.y)
         first = np.arange(1, rows, max(1, rows // _MOST_STEPS))
         steps = (np.arange(rows)[:, None] >= first).astype(np.float64)
-        white = outside(at.basis, self._lattice.at([point])[0][0].apply(steps))
+        white = outside(at.basis, self._lattice.way(point).apply(steps))
         gain = (at.residual @ white) ** 2 / np.maximum(np.sum(white**2, axis=0), 1e-12)
         near = scipy.ndimage.maximum_filter1d(gain, 2 * _APART + 1)
         return [int(first[i]) for i in np.argsort(-gain) if gain[i] == near[i]]

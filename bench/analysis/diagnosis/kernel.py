@@ -158,7 +158,7 @@ class _Search:
     def _whitened(self, point: Point) -> tuple[FloatArray, FloatArray, float]:
         """Output (n,) and delayed changes (n, m), whitened, beside the model's columns; ln |C| and ln |X' C^-1 X|."""
         both = np.column_stack([self.columns, self.problem.y])
-        left, fixed = _beside(self.problem.records()[0], self.lattice.at([point])[0][0], both)
+        left, fixed = _beside(self.problem.records()[0], self.lattice.way(point), both)
         return left[:, -1], left[:, :-1], fixed
 
 

@@ -36,7 +36,7 @@ def smallest(
     problem: Problem, candidate: Candidate, theta: Theta, lattice: NoiseLattice, point: Point, sigma2: float
 ) -> Smallest:
     """Smallest amplitude of a candidate with parameters `theta` that this run finds, at a noise of the lattice."""
-    way = lattice.at([point])[0][0]
+    way = lattice.way(point)
     base = orthonormal(way.apply(problem.base))
     if candidate.kind == "abscissa":
         # The first parameter of the grid, from its lower bound up, whose effect on the fitted base would show.

@@ -109,7 +109,7 @@ class Refiner:
     def _seen(self, candidate: Candidate, thetas: Sequence[Theta], point: Point) -> list[Seen]:
         """Base and candidate at some parameters, which are whitened at once."""
         at, own = self.at(point), [candidate.columns(theta) for theta in thetas]
-        white = np.split(self.lattice.at([point])[0][0].apply(np.column_stack(own)), len(own), axis=1)
+        white = np.split(self.lattice.way(point).apply(np.column_stack(own)), len(own), axis=1)
         found = []
         for mine, columns in zip(own, white, strict=True):
             rest, volume, kept = self._left(candidate, columns, at)
@@ -257,7 +257,7 @@ class Refiner:
             ends = np.clip(best[index] + np.array([-_DIFFERENCE, _DIFFERENCE]), 0.0, 1.0)
             low, high = (joint(self.problem, candidate, _theta(candidate, _moved(best, index, e))) @ beta for e in ends)
             slopes.append((high - low) / (ends[1] - ends[0]))
-        way = self.lattice.at([point])[0][0]
+        way = self.lattice.way(point)
         fit = gls(np.column_stack([columns, *slopes]), self.problem.y, way, self.sigma2(candidate, theta, point))
         return fit.covariance[: columns.shape[1], : columns.shape[1]]
 

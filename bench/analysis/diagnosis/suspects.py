@@ -84,8 +84,7 @@ class Layout:
             return self
         low, high = (np.array([getattr(p, end) for p in self.rows.parameters[:count]]) for end in ("low", "high"))
         for _ in range(_MOST_STEPS):
-            slopes = np.column_stack(best.rows.slopes(best.theta, best._output_at))
-            known = np.isfinite(slopes).all(axis=0) & (np.abs(slopes).max(axis=0) > 0.0)
+            slopes, known = best._slopes
             columns = np.hstack([best._linear, slopes[:, known]])
             step = np.zeros(slopes.shape[1])
             step[known] = gls(columns, self.rows.y, way).beta[best._linear.shape[1] :]
@@ -221,8 +220,9 @@ class Layout:
     @cached_property
     def _others(self) -> FloatArray:
         """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
+        slopes, known = self._slopes
         rounding = [self.resolution.rounding(self._output)] if self.resolution.rate_step_dph else []
-        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], *self._slopes(), *rounding])
+        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], slopes[:, known], *rounding])
 
     @property
     def _output(self) -> FloatArray:
@@ -230,15 +230,15 @@ class Layout:
         turned = self.stacked([record.channel("rate") - record.bias for record in self.rows.records])
         return self.curve(self.seen) + turned
 
-    def _slopes(self) -> list[FloatArray]:
-        if not self.theta.size:
-            return []
-        slopes = self.rows.slopes(self.theta, self._output_at)
-        return [slope for slope in slopes if np.all(np.isfinite(slope)) and np.any(slope)]
+    @cached_property
+    def _slopes(self) -> tuple[FloatArray, BoolArray]:
+        """Slopes (n, m) of the fitted curve along the model's parameters, and which of them (m,) move it."""
 
-    def _output_at(self, theta: FloatArray) -> FloatArray:
-        """The fitted bias (n,) [deg/h] with these parameters in the place of its own."""
-        return np.asarray(self.rows.bind(theta, trial=True)[1] @ self._beta)
+        def curve(theta: FloatArray) -> FloatArray:
+            return np.asarray(self.rows.bind(theta, trial=True)[1] @ self._beta)
+
+        slopes = np.column_stack([np.zeros((self.rows.y.size, 0)), *self.rows.slopes(self.theta, curve)])
+        return slopes, np.isfinite(slopes).all(axis=0) & (slopes != 0.0).any(axis=0)
 
 
 def _moved(bound: design.Bound, record: Dataset) -> Dataset:

@@ -143,7 +143,7 @@ def profile_noise(
 
 
 def _noise_fit(first: Record, surface: Surface, best: Point) -> NoiseFit:
-    sigma2, way = surface.known[best][1], surface.lattice.at([best])[0][0]
+    sigma2, way = surface.known[best][1], surface.lattice.way(best)
     noise = Noise(*_coefficients(surface, best))
     return NoiseFit(way.ratios, sigma2, noise, gls(first.X, first.y, way, sigma2))
 

@@ -123,6 +123,10 @@ class NoiseLattice:
         points = list(points)
         return list(zip(*(axis.at(points, self) for axis in self._axes), strict=True))
 
+    def way(self, point: Point) -> Whitener:
+        """The whitener of the first record, the fitted rows, at a point."""
+        return self.at([point])[0][0]
+
     def part(self, first: int, count: int) -> NoiseLattice:
         """The same lattice seen by some of its records alone."""
         seen = copy(self)

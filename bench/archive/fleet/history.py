@@ -62,21 +62,17 @@ def unit_history(registry: Registry, archive: Archive, serial: str, now: datetim
     found = runs_of(registry, serial)
     memory, wholes = writes(archive.root, serial), _wholes(archive.root / slug(serial))
     fitted = calibrations(registry, archive, found, memory, now)
-    counting = sorted((one for one in fitted if one["usable"] or one["status"] == _IN_UNIT), key=_first_in_unit)
+    counting = (one for one in fitted if one["usable"] or one["status"] == _IN_UNIT)
     return {
         "serial": serial,
         "lot": known["lot"],
         "runs": [_run(run, archive, wholes) for run in found[:most]],
         "calibrations": fitted[:most],
-        "counts": next(iter(counting), None),
+        "counts": min(counting, key=lambda one: bool(one["status"] != _IN_UNIT), default=None),
         "of": {"runs": len(found), "calibrations": len(fitted)},
         "memory": next((one for one in memory if one["state"] == "done"), None),
         "writes": memory,
     }
-
-
-def _first_in_unit(calibration: Found) -> bool:
-    return bool(calibration["status"] != _IN_UNIT)
 
 
 def _wholes(unit: Path) -> Mapping[str, ImuVerificationRecord]:

@@ -114,10 +114,8 @@ def draw(inputs: dict[str, Any]) -> Figure:
     drawing, make = Drawing.read(inputs), FIGURES[inputs["kind"]]
     try:
         return make(drawing)
-    except EmptyRangeError:
-        raise
     except InputError as error:
-        if drawing.model is None or inputs["kind"] not in BARE:
+        if isinstance(error, EmptyRangeError) or drawing.model is None or inputs["kind"] not in BARE:
             raise
         return {**make(replace(drawing, model=None)), "note": str(error)}
 
