@@ -207,22 +207,60 @@ def test_a_long_history_is_drawn_in_parts(page):
     page.unroute_all(behavior="wait")
 
 
-def test_more_units_than_can_be_listed_are_searched_for(page):
+def test_more_units_than_can_be_listed_are_searched_for(page, address):
     """The button did nothing."""
-
-    def many(route):
-        told = route.fetch().json()
-        route.fulfill(json={**told, "matched": 5001, "total": 5001})
-
-    page.route("**/api/v1/units?*", many)
+    told = page.context.request.get(f"{address}/api/v1/units").json()
+    page.route("**/api/v1/units?*", lambda route: route.fulfill(json={**told, "matched": 5001, "total": 5001}))
     page.goto("/units")
     more = page.get_by_role("button", name="Show more")
-    for _ in range(4):
-        with page.expect_response("**/api/v1/units?*"):
+    for listed in (400, 600, 800, 1000):
+        with page.expect_request(f"**/api/v1/units?*limit={listed}*"):
             more.click()
     more.wait_for(state="detached")
     page.get_by_text("Only the first 49 are listed. Search for others.").wait_for()
-    page.unroute_all(behavior="wait")
+
+
+FIRST_ANSWER = """() => {
+  const fetched = window.fetch;
+  let first = true;
+  window.fetch = async (path, options) => {
+    const answer = await fetched(path, options);
+    if (!String(path).includes("/units?") || !first) return answer;
+    first = false;
+    answer.json = () => new Promise((_, fail) => { HOW });
+    return answer;
+  };
+}"""
+
+
+def test_an_answer_that_is_cut_off_is_told(page):
+    """The page waited for ever, without a word."""
+    page.add_init_script(f"({FIRST_ANSWER.replace('HOW', 'fail(new TypeError())')})()")
+    page.goto("/units")
+    page.get_by_role("alert").get_by_text("The server does not answer").wait_for()
+    page.get_by_role("button", name="Try again").click()
+    page.get_by_text("49 of 49 units").wait_for()
+
+
+def test_an_answer_that_is_no_longer_wanted_takes_nothing_off_the_page(page):
+    """The list of units vanished while it was searched."""
+    how = 'options.signal.addEventListener("abort", () => fail(new DOMException("", "AbortError")))'
+    page.goto("/units")
+    page.get_by_text("49 of 49 units").wait_for()
+    page.evaluate(FIRST_ANSWER.replace("HOW", how))
+    held = []
+
+    def hold(route):
+        held.append(route)
+
+    with page.expect_response("**/api/v1/units?*q=gx&*"):
+        page.get_by_role("searchbox").fill("gx")
+    page.route("**/api/v1/units?*q=gx+42&*", hold)
+    with page.expect_request("**/api/v1/units?*q=gx+42&*"):
+        page.get_by_role("searchbox").fill("gx 42")
+    page.get_by_text("49 of 49 units").wait_for()
+    held[0].continue_()
+    page.get_by_text("1 of 49 units").wait_for()
 
 
 def test_a_day_is_not_broken_within_a_number(visitors, address):

@@ -14,7 +14,11 @@ export class ApiError extends Error {
 }
 
 async function answer(response) {
-  const body = await response.json().catch(() => null);
+  const body = await response.json().catch((error) => {
+    if (error.name === "AbortError") throw error;
+    if (response.ok && error.name !== "SyntaxError") throw new ApiError(0, t("error.unreachable")); // cut off
+    return null; // not JSON, or nothing
+  });
   if (response.ok) return body;
   if (response.status === 401 && !response.url.endsWith("/pin")) session.set((now) => now && { ...now, name: null, role: null });
   // What a PIN allowed may be over: who is it now?
