@@ -115,6 +115,49 @@ def test_a_quantity_of_a_table_that_no_channel_is_explains_a_run(quiet):
     assert answer.held_out_rms_dph > 1.2 * best.proof.before_dph
 
 
+def trapped(case):
+    """Charge that is taken up within a minute where it gets warmer, and given off within 90 minutes."""
+    held, out = case[0], np.empty(len(case))
+    for second, value in enumerate(case.tolist()):
+        held += (value - held) / (60.0 if value > held else 5400.0)
+        out[second] = held
+    return 0.03 * (out - case)
+
+
+def passed_on(case):
+    """Heat that passes from the case to a frame and on to a block: a force while the flow changes."""
+    frame = block = case[0]
+    out = np.empty(len(case))
+    for second, value in enumerate(case.tolist()):
+        flow = (value - frame) / 90.0
+        frame += flow
+        out[second] = flow - (frame - block) / 90.0
+        block += (frame - block) / 90.0
+    return 90.0 * out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "formula"),
+    [
+        (trapped, r"k \* \(temperature - uneven_lag\(temperature, \d+(\.\d+)?, [56]\d\d\d(\.\d+)?\)\)"),
+        (passed_on, r"k \* \(dT_dt - lag\(dT_dt, \d+(\.\d+)?\)\)"),
+    ],
+)
+def test_what_takes_up_and_gives_off_at_different_rates_and_what_passes_heat_on_is_found(quiet, hidden, formula):
+    run, still = quiet
+    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+
+    def with_it(record):
+        seconds = np.arange(record.time[0], record.time[-1] + 1.0)
+        added = np.interp(record.time, seconds, hidden(np.interp(seconds, record.time, record.channel("temperature"))))
+        return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
+
+    best = diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still).formulas[0]
+    assert re.fullmatch(formula, best.formula), best.formula
+    assert best.proof.proved
+
+
 @pytest.mark.slow
 def test_the_gap_of_two_thermometers_of_a_unit_takes_the_place_of_several_effects(quiet):
     """A second thermometer is nearer to the air; the catalogue knows only what the first one feels."""

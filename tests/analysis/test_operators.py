@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import cumulative_trapezoid, solve_ivp
 
-from bench.analysis.effects.operators import integral, latch, play, ramp_invariant_lag
+from bench.analysis.effects.operators import integral, latch, play, ramp_invariant_lag, uneven_lag
 
 
 def triangle(time_s):
@@ -42,6 +42,20 @@ def test_a_lag_whose_time_constant_changes_solves_its_equation_too():
         (0.0, time_s[-1]), value[:1], t_eval=time_s, max_step=5.0, rtol=1e-8,
     )  # fmt: skip
     assert_allclose(ramp_invariant_lag(time_s, value, tau_s), solution.y[0], atol=2e-3)
+
+
+@pytest.mark.parametrize(("rise_s", "fall_s"), [(200.0, 3000.0), (3000.0, 200.0)])
+def test_an_uneven_lag_solves_its_equation_with_one_time_constant_above_and_another_below(rise_s, fall_s):
+    time_s = np.cumsum(np.random.default_rng(2).uniform(5.0, 90.0, 400))
+    value = triangle(time_s)
+
+    def slope(t, x):
+        ahead = np.interp(t, time_s, value) - x
+        return ahead / np.where(ahead > 0.0, rise_s, fall_s)
+
+    solution = solve_ivp(slope, (time_s[0], time_s[-1]), value[:1], t_eval=time_s, max_step=5.0, rtol=1e-8)
+    assert_allclose(uneven_lag(time_s, value, rise_s, fall_s), solution.y[0], atol=2e-3)
+    assert_allclose(uneven_lag(time_s, value, 500.0, 500.0), ramp_invariant_lag(time_s, value, 500.0), atol=1e-9)
 
 
 def test_an_integral_begins_with_the_run_and_bridges_a_gap():

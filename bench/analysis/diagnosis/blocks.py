@@ -55,6 +55,10 @@ class Block:
                                 *((name, f"faster or slower by the {name}") for name in switched)):  # fmt: skip
                 turned = self.text.replace("{tau_s}", f"{{tau_s}} * (1 + {{slower}} * {name})")
                 found.append(self._with("slower", (-0.9, 0.9), (-0.5, 0.5), turned, f"{self.words}, {words}"))
+        if "{tau_s})" in self.text and (self.text.startswith("lag(") or self.text.count("lag(") == 1):
+            uneven = self.text.replace("lag(", "uneven_lag(", 1).replace("{tau_s})", "{tau_s}, {fall_s})")
+            found.append(self._with("fall_s", dict(self.bounds)["tau_s"], tuple(t for (t,) in lags(length_s / 2.0, 2)),
+                                    uneven, f"{self.words}, not the same up and down"))  # fmt: skip
         memories = tuple(tau for (tau,) in lags(length_s / 2.0, 1))
         return [
             *found,

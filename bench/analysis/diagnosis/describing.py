@@ -42,6 +42,8 @@ _LIKE = (
     ("sin(2*pi*temperature", _ETALON),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
     ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),
+    ("uneven_lag(", "like what is taken up faster than it is given off, or slower: gas through a valve, charge, water"),
+    ("(dT_dt - lag(dT_dt", "like heat that spreads from part to part: it acts where the rate of change changes"),
     ("slew(", "like a control loop that follows the temperature no faster than its slew rate"),
     ("dead_zone(", "like a part with clearance, which acts only beyond it"),
     ("tanh(lag(", "like a part or a loop that reaches its limits"),

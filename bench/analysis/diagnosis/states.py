@@ -35,6 +35,8 @@ def states(ranges: Ranges) -> list[Block]:
         _vapour(ranges, "temperature", "temperature"),
         _behind(ranges),
         *_relaxing(ranges),
+        _uneven(ranges),
+        _spreading(ranges),
         _turned(ranges, "temperature", "temperature"),
         *_fading(ranges),
         *hops(ranges),
@@ -107,6 +109,22 @@ def _relaxing(ranges: Ranges) -> list[Block]:
                    f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.12, 0.12))),
                    tuple((*one, faster) for one in tried for faster in (-0.03, 0.03, 0.06)))  # fmt: skip
     return [Block("(temperature - lag(temperature, {tau_s}))", words, "degC", (tau,), tried, looser=faster), faster]
+
+
+def _uneven(ranges: Ranges) -> Block:
+    """What takes up fast and gives off slowly, or the other way round: gas through a valve, charge, water."""
+    times = lags(ranges.length_s, 2)
+    ends = (20.0, max(ranges.length_s, 200.0))
+    return Block("(temperature - uneven_lag(temperature, {rise_s}, {fall_s}))",
+                 "a part that follows the temperature up and down with different time constants", "degC",
+                 (("rise_s", ends), ("fall_s", ends)),
+                 tuple((*up, *down) for up in times for down in times if up != down))  # fmt: skip
+
+
+def _spreading(ranges: Ranges) -> Block:
+    """What two parts that follow the rate of change one after the other are apart."""
+    return Block("(dT_dt - lag(dT_dt, {tau_s}))", "the change of dT/dt in the last while", "degC/min",
+                 (("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0))),), lags(ranges.length_s / 4.0, 1))  # fmt: skip
 
 
 def _fading(ranges: Ranges) -> list[Block]:

@@ -1,13 +1,14 @@
 """A term of your own, written in one line of the model file.
 
 Equation: B = the formula, for instance `k * dT_dt * quadrature`, or `a * (temperature - lag(temperature, tau_s))` with
-`bounds: {tau_s: [60, 3600]}`. Names of channels, time, dT_dt and direction are data; lag(x, tau_s), delay(x, late_s),
-play(x, width), slew(x, per_min) that follows x no faster, dead_zone(x, width) (what of x is further from 0), latch(x,
-high, low) (1 from where x rises above `high` until it falls below `low`, else 0), total(x) [x h], highest(x) and
-lowest(x) so far, above(x) (x where it is above 0, else 0), sawtooth(x) (from -0.5 to 0.5 between whole numbers), abs,
-exp, log, sqrt, sin, cos, tanh, sign are functions; every other name is a parameter. One that multiplies a term is an
-amplitude and solved exactly; one inside a function needs bounds. The time constant of a lag may change with a channel,
-as in `lag(dT_dt, tau_s * exp(-faster * temperature))`.
+`bounds: {tau_s: [60, 3600]}`. Names of channels, time, dT_dt and direction are data; lag(x, tau_s), uneven_lag(x,
+rise_s, fall_s) (one time constant while x is above it, another while it is below), delay(x, late_s), play(x, width),
+slew(x, per_min) that follows x no faster, dead_zone(x, width) (what of x is further from 0), latch(x, high, low) (1
+from where x rises above `high` until it falls below `low`, else 0), total(x) [x h], highest(x) and lowest(x) so far,
+above(x) (x where it is above 0, else 0), sawtooth(x) (from -0.5 to 0.5 between whole numbers), abs, exp, log, sqrt,
+sin, cos, tanh, sign are functions; every other name is a parameter. One that multiplies a term is an amplitude and
+solved exactly; one inside a function needs bounds. The time constant of a lag may change with a channel, as in
+`lag(dT_dt, tau_s * exp(-faster * temperature))`.
 Units: B [deg/h], channels as in the vocabulary, time [s], dT_dt [degC/min], direction +1 heating, -1 cooling, 0 else.
 Source: the user's.
 When left out: the residual follows the formula.

@@ -20,19 +20,31 @@ from typing import Any, cast
 
 import numpy as np
 
-from bench.analysis.effects.operators import extreme, integral, latch, play, ramp_invariant_lag, shifted, slew, slope
+from bench.analysis.effects.operators import (
+    extreme,
+    integral,
+    latch,
+    play,
+    ramp_invariant_lag,
+    shifted,
+    slew,
+    slope,
+    uneven_lag,
+)  # fmt: skip
 from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 
 FUNCTIONS: dict[str, int] = {
-    "lag": 2, "delay": 2, "play": 2, "slew": 2, "dead_zone": 2, "latch": 3, "total": 1, "highest": 1, "lowest": 1,
-    "above": 1, "sawtooth": 1, "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1, "sign": 1,
+    "lag": 2, "uneven_lag": 3, "delay": 2, "play": 2, "slew": 2, "dead_zone": 2, "latch": 3, "total": 1, "highest": 1,
+    "lowest": 1, "above": 1, "sawtooth": 1, "abs": 1, "exp": 1, "log": 1, "sqrt": 1, "sin": 1, "cos": 1, "tanh": 1,
+    "sign": 1,
 }  # fmt: skip
-"""Functions and their numbers of arguments: lag(x, tau_s), delay(x, late_s), play(x, width) in the unit of x, slew(x,
-per_min) that follows x no faster than this, dead_zone(x, width), what of x is further than this from 0, latch(x, high,
-low), 1 from where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours since
-the run began, highest(x) and lowest(x) of the run so far, above(x), x where it is above 0 and else 0, sawtooth(x), from
--0.5 to 0.5 between whole numbers. The time constant of a lag may change with a channel."""
+"""Functions and their numbers of arguments: lag(x, tau_s), uneven_lag(x, rise_s, fall_s), whose time constant is
+`rise_s` while x is above it and else `fall_s`, delay(x, late_s), play(x, width) in the unit of x, slew(x, per_min) that
+follows x no faster than this, dead_zone(x, width), what of x is further than this from 0, latch(x, high, low), 1 from
+where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours since the run began,
+highest(x) and lowest(x) of the run so far, above(x), x where it is above 0 and else 0, sawtooth(x), from -0.5 to 0.5
+between whole numbers. The time constant of a lag may change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "above": lambda x: np.maximum(x, 0.0), "sawtooth": lambda x: x - np.floor(x) - 0.5,
@@ -41,6 +53,7 @@ _PLAIN: dict[str, Callable[[Any], Any]] = {
 }  # fmt: skip
 _MEMORY: dict[str, Callable[..., FloatArray]] = {
     "lag": ramp_invariant_lag,
+    "uneven_lag": lambda time_s, x, rise_s, fall_s: uneven_lag(time_s, x, float(rise_s), float(fall_s)),
     "delay": lambda time_s, x, late_s: shifted(time_s, x, float(late_s)),
     "play": lambda _, x, width: play(x, float(width)),
     "slew": lambda time_s, x, per_min: slew(time_s, x, float(per_min)),
@@ -60,8 +73,8 @@ _PARSING = threading.Lock()
 """Python up to 3.12 counts the depth of all trees that are parsed at a time as one, and the filters of warnings are one
 for all threads: the page parses in several."""
 
-_OF_TIME = {"lag", "delay"}
-"""Functions whose second argument is a time [s]."""
+_OF_TIME = {"lag", "uneven_lag", "delay"}
+"""Functions whose arguments after the first are times [s]."""
 
 Terms = dict[str, ast.expr]
 """Factor of each amplitude; '' holds what no amplitude multiplies."""
@@ -154,7 +167,9 @@ def needing_bounds(text: str) -> dict[str, bool]:
     """Parameters that are inside a function, a power or a divisor, so no amplitudes; True: a time [s]."""
     found = _no_amplitudes(text, frozenset())
     calls = (node for node in ast.walk(checked(text)) if isinstance(node, ast.Call)) if found else ()
-    times = {name for call in calls if names_of(call.func) & _OF_TIME for name in names_of(call.args[1])}
+    times = {
+        name for call in calls if names_of(call.func) & _OF_TIME for part in call.args[1:] for name in names_of(part)
+    }
     return {name: name in times for name in sorted(found)}
 
 

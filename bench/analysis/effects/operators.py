@@ -7,6 +7,7 @@ neighbours.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import exp, expm1, log1p
 
 import numpy as np
 import scipy
@@ -38,6 +39,14 @@ def play(value: FloatArray, half_width: float) -> FloatArray:
 def slew(time_s: FloatArray, value: FloatArray, per_min: float) -> FloatArray:
     """What follows a record (n,) no faster than `per_min` [its unit per minute]; starts on it."""
     return _bridged(lambda time, u: _slew(time, u, abs(per_min) / 60.0), time_s, value)
+
+
+def uneven_lag(time_s: FloatArray, value: FloatArray, rise_s: float, fall_s: float) -> FloatArray:
+    """First-order lag of a record (n,) with the time constant `rise_s` while the record is above it, else `fall_s`.
+
+    The record is straight between its rows, for which this is exact; starts settled.
+    """
+    return _bridged(lambda time, u: _uneven_lag(time, u, max(rise_s, 1e-6), max(fall_s, 1e-6)), time_s, value)
 
 
 def latch(value: FloatArray, high: float, low: float) -> FloatArray:
@@ -151,6 +160,22 @@ def _slew(time_s: FloatArray, value: FloatArray, per_s: float) -> FloatArray:
     for row, (wanted, step) in enumerate(zip(value[1:].tolist(), (np.diff(time_s) * per_s).tolist(), strict=True), 1):
         followed[row] = at = min(max(wanted, at - step), at + step)
     return followed
+
+
+def _uneven_lag(time_s: FloatArray, value: FloatArray, rise_s: float, fall_s: float) -> FloatArray:
+    lagged, ahead = value.copy(), 0.0  # ahead = x - u obeys ahead' = -ahead / tau - slope
+    steps = np.diff(time_s)
+    for row, (step, slope_) in enumerate(zip(steps.tolist(), (np.diff(value) / steps).tolist(), strict=True), 1):
+        above = ahead > 0.0 or (ahead == 0.0 and slope_ < 0.0)
+        tau = fall_s if above else rise_s
+        end = (ahead + slope_ * tau) * exp(-step / tau) - slope_ * tau
+        if ahead * end < 0.0:  # it meets the record on the way, and goes on with the other time constant
+            rest = step - tau * log1p(ahead / (slope_ * tau))
+            tau = rise_s if above else fall_s
+            end = slope_ * tau * expm1(-rest / tau)
+        ahead = end
+        lagged[row] += ahead
+    return lagged
 
 
 def _bouc_wen(value: FloatArray, length: float) -> FloatArray:

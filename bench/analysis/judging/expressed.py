@@ -32,7 +32,7 @@ STATISTICS: Mapping[str, Callable[[FloatArray], Any]] = {
     "mean": np.mean,
     "rms": lambda values: np.sqrt(np.mean(np.square(values))),
 }
-_OVER_TIME = ("lag", "delay", "play", "slew", "total")
+_OVER_TIME = ("lag", "uneven_lag", "delay", "play", "slew", "total")
 
 Interval = tuple[float, float, float]
 """Value, low, high."""
