@@ -264,8 +264,8 @@ class _Case:
         if self.layout.white is None:
             return floor_dph
         still = self.layout.problem.statics[0]
-        white = 0.5 * float(np.mean(still.steps(self.layout.problem.interval_s) ** 2))
-        return float(np.sqrt(max(floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0), 0.0)))
+        white = min(0.5 * float(np.mean(still.steps(self.layout.problem.interval_s) ** 2)), floor_dph**2)
+        return float(np.sqrt(floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0)))
 
     def _formulas(
         self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool

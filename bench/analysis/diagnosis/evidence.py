@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,8 @@ from bench.analysis.noise.probability import sized
 from bench.analysis.noise.whitening import Ratios, Whitener
 from bench.analysis.thresholds import TIE, WRONGLY_NAMED
 from bench.base import Aside, FloatArray, shared
+
+_E = TypeVar("_E", float, FloatArray)
 
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
 _BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls is enough, as without any evidence
@@ -231,6 +233,7 @@ class _Reached(NamedTuple):
     theta: Theta
     point: Point
     evidence: float
+    closely: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +264,13 @@ class _Weighing:
                 # One worker would have known of all before it: the answer is the same for any number.
                 needless = least <= each.hope < _least(reached)
                 reached.append(self._refined(each, False) if needless else own)
+        # Parameters between those of the grid may have shown more of one that was refined coarsely.
+        least = _least(reached)
+        pairs = list(enumerate(zip(order, reached, strict=True)))
+        open_ = [(i, each) for i, (each, own) in pairs if not own.closely and _hope(own.evidence, each.paid) >= least]
+        tasks = [partial(self._refined, each, True) for _, each in open_]
+        for (i, _), own in zip(open_, shared(tasks, self.workers), strict=True):
+            reached[i] = own
         return [self._suspect(*pair) for pair in zip(order, reached, strict=True)]
 
     def _scan(self) -> list[_Scanned]:
@@ -272,14 +282,14 @@ class _Weighing:
         scanned = []
         for index, candidate in enumerate(self.candidates):
             own, grid = scan.which == index, scan.starts(index, points)
-            hope = float(np.max(_GROWS * (rough[own] + paid[own]) - paid[own]))
+            hope = float(np.max(_hope(rough[own], paid[own])))
             excited = bool(scan.excited[own].max() >= DEPENDENT)
             scanned.append(_Scanned(candidate, grid, float(paid[own][0]), float(rough[own].max()), hope, excited))
         return scanned
 
     def _refined(self, scanned: _Scanned, closely: bool) -> _Reached:
         theta, point, height = self.refiner.refine(scanned.candidate, scanned.grid, self.best, closely=closely)
-        return _Reached(theta, point, self.surface.height(self.best) - height - scanned.paid)
+        return _Reached(theta, point, self.surface.height(self.best) - height - scanned.paid, closely)
 
     def _suspect(self, scanned: _Scanned, reached: _Reached) -> Suspect:
         candidate = scanned.candidate
@@ -336,6 +346,11 @@ def _foremost(order: Sequence[_Scanned]) -> list[_Scanned]:
         if not others or (len(others) < 2 and (not each.candidate.shift or each.hope > others[0].rough > 0.0)):
             kept.append(each)
     return kept
+
+
+def _hope(evidence: _E, paid: _E) -> _E:
+    """What refinement may make of evidence."""
+    return _GROWS * (evidence + paid) - paid
 
 
 def _least(reached: Sequence[_Reached]) -> float:

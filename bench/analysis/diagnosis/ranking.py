@@ -51,7 +51,8 @@ class Ranking:
         effect = self.offer.effects[suspect.name]
         after = layout.adding(effect, suspect.theta)
         scored = with_suspect(layout, effect, suspect, self.check)
-        before = unseen(layout.rows, layout.theta, self.check, like=scored.left)
+        settled = layout.settled(suspect.way, len(layout.theta))
+        before = unseen(settled.rows, settled.theta, self.check, like=scored.left)
         proof = prove(before.left, scored.left)
         alike, values = alike or self._look_alikes(evidence, suspect), _values(layout, effect, suspect)
         if found:

@@ -106,6 +106,8 @@ class Search:
         if len(steps) > 1:
             steps = search.again(layout, steps)
         last_layout = with_found(layout, steps)
+        if len(steps) > 1:
+            last_layout = last_layout.settled(self.lattice.way(steps[0].suspect.point), len(last_layout.theta))
         last = search.weigh(last_layout) if steps else first
         after = self._examine(last_layout, layout, last) if steps else before
         return Explanation(first, before, steps, last_layout, last, after, first.threshold)
@@ -197,7 +199,8 @@ class Search:
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
         """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
         borne = Borne(self.check, layout.problem.statics, point)
-        before = unseen(layout.rows, layout.theta, self.check).left
+        settled = layout.settled(self.lattice.way(point), len(layout.theta))  # as beside each leader
+        before = unseen(settled.rows, settled.theta, self.check).left
         total = []
         for leader in leaders:
             after = with_suspect(layout, self.offer.effects[leader.name], leader, self.check).left
@@ -213,15 +216,28 @@ class Search:
         return any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in self.check)
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
-        """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice."""
+        """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice.
+
+        What was judged beside one that is dropped afterwards is judged once more.
+        """
         current, dropped = list(steps), list[str]()
         for step in steps:
-            others = [s for s in current if s is not step]
-            without = with_found(layout, others)
-            best = self._next(without, self.weigh(without), len(others), dropped)
-            current = others if best is None else [*others, best]
-            dropped += [step.suspect.effect] if best is None else []
+            current = self._anew(layout, current, step, dropped)
+        for step in tuple(current) if dropped else ():
+            current = self._anew(layout, current, step, dropped)
         return tuple(sorted(current, key=lambda s: -s.suspect.evidence))
+
+    def _anew(
+        self, layout: Layout, current: list[FoundEffect], step: FoundEffect, dropped: list[str]
+    ) -> list[FoundEffect]:
+        """The effects with what is best in the place of one of them; `dropped` gains it where nothing is needed."""
+        others = [s for s in current if s is not step]
+        without = with_found(layout, others)
+        best = self._next(without, self.weigh(without), len(others), dropped)
+        if best is None:
+            dropped.append(step.suspect.effect)
+            return others
+        return [*others, best]
 
 
 def with_found(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
