@@ -119,6 +119,19 @@ def test_a_run_outlives_the_server_is_found_again_and_is_aborted_by_name(setting
     assert (first["who"], first["text"]) == (folder.manifest().operator, "start")
 
 
+def test_a_unit_that_is_in_a_run_begins_no_second_one_at_another_station(settings):
+    made, bearer = settings
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        begin(client, "long", station="simulated", units=["GX-1@SIM-0001"])
+        for units, code in ((["GX-1@SIM-0002"], 409), (["SIM-0003"], 202)):
+            second = client.post("/api/v1/starts", json={"plan": "long", "station": "four_units", "units": units})
+            assert second.status_code == code, second.text
+            if code == 409:
+                said = "unit GX-1 is in use: Operator Petrenko started long at station simulated at "
+                assert second.json()["detail"].startswith(said)
+
+
 @pytest.mark.slow
 def test_a_plan_brings_the_limits_and_models_of_the_calibration_that_it_belongs_to(settings):
     with served(settings[0]) as client:

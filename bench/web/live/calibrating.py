@@ -254,12 +254,13 @@ def _order(intended: Intended, here: Settings, who: Who) -> Order:
     units = [intended.unit, *intended.others]
     orders = Calibration.load_all(plan, station, units, here.out)
     settings = station_of(orders[0].station_file())
-    settings.chosen([order.serial for order in orders])
+    serials = [order.serial for order in orders]
+    settings.chosen(serials)
     return Order(
         plan=intended.plan,
         station=intended.station,
         station_file=station,
-        equipment=catalog.equipment(settings),
+        equipment=catalog.equipment(settings, serials),
         plan_file=plan,
         digests=[order.digest() for order in orders],
         behind=(*orders[0].files(), *settings.files()),

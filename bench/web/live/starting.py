@@ -82,7 +82,7 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
     station = named(known.stations(), wanted.station, "station")
     place, serials = seated(station_file(station), wanted.units)
     settings = station_of(place)
-    settings.chosen(serials)
+    units = settings.chosen(serials)
     who = named_by(who, wanted.operator, request)
     order = Order(
         plan=wanted.plan,
@@ -90,7 +90,7 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
         profile_file=profile,
         behind=settings.files(),
         station_file=station,
-        equipment=catalog.equipment(settings),
+        equipment=catalog.equipment(settings, (unit.serial for unit in units)),
         units=wanted.units,
         models={model: known.model(model) for model in wanted.models},
         limits=named(known.limits(), wanted.limits, "limits") if wanted.limits else None,

@@ -329,7 +329,7 @@ class Starts:
             over = told["runs"] and not live and not told["digest"]  # a calibration has further runs
             if told["state"] in {"starting", "running"} and not over:
                 who, at = told["who"].get("name", "somebody"), told["started"][11:16]
-                text = f"{who} started {told['plan']} there at {at} UTC"
+                text = f"{who} started {told['plan']} at station {told['station']} at {at} UTC"
                 found |= dict.fromkeys(told["equipment"], text)
         return found
 

@@ -71,4 +71,4 @@ def in_use(live: LiveRun) -> dict[str, str]:
     if station is None:
         return {}
     text = f"the run {ids(live.folders)[0]} uses it"
-    return dict.fromkeys(catalog.equipment(station), text)
+    return dict.fromkeys(catalog.equipment(station, (folder.parent.name for folder in live.folders)), text)

@@ -218,12 +218,12 @@ def station(path: Path) -> StationSettings:
     return load_station(path)
 
 
-def equipment(settings: StationSettings) -> frozenset[str]:
-    """Equipment that only one run may use at a time, by names that stations with a common chamber share."""
+def equipment(settings: StationSettings, units: Iterable[str] = ()) -> frozenset[str]:
+    """Equipment and `units` that only one run may use at a time, by names that stations with a common chamber share."""
     connection = settings.chamber.connection
     chamber = [] if connection is None else [f"chamber {connection.url}"]
     instruments = [f"instrument {one.address}" for one in settings.instruments if one.address is not None]
-    return frozenset({f"station {settings.name}", *chamber, *instruments})
+    return frozenset({f"station {settings.name}", *chamber, *instruments, *(f"unit {slug(unit)}" for unit in units)})
 
 
 def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:

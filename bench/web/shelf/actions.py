@@ -153,7 +153,7 @@ def _order(wanted: Writing, unit: str, plan: str, request: Request, here: Here, 
         station=wanted.station,
         station_file=station,
         behind=settings.files(),
-        equipment=catalog.equipment(settings),
+        equipment=catalog.equipment(settings, serials),
         units=[wanted.slot or unit],
         who={"name": person.name, "role": person.role, "address": person.address},
     )
