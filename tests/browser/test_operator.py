@@ -402,6 +402,21 @@ def test_four_units_stand_side_by_side(bench, visitors):
     page.wait_for_url("**/verdict/**")
 
 
+def test_a_serial_number_that_stands_in_two_slots_is_told_where_it_is_typed(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/start?unit=SIM-0001&station=four_units&plan=quick")
+    page.get_by_role("button", name="All 4 units").click()
+    page.get_by_label("Serial number in the slot of SIM-0002").fill("sim-0001")
+    page.keyboard.press("Enter")
+    page.locator(".neighbours").get_by_text("Serial number sim-0001 stands in two slots.").wait_for()
+    assert "sim-0001" not in page.locator(".ready-facts").inner_text()
+    page.get_by_label("Serial number in the slot of SIM-0002").fill("sim-0002")
+    page.keyboard.press("Enter")
+    page.get_by_text("stands in two slots").wait_for(state="detached")
+    page.locator("button.giant:enabled").wait_for()
+    assert page.locator(".steps strong").first.inner_text() == "SIM-0001, SIM-0002, SIM-0003, SIM-0004"
+
+
 def test_an_abort_is_not_offered_any_more_when_the_pin_has_expired(tmp_path, project, visitors):
     access = tmp_path / "access.yaml"
     viewer, engineer = people.add_person(access, "screen", "viewer"), people.add_person(access, "lead", "engineer")

@@ -6,5 +6,8 @@ export const serialOf = (unit) => (unit.includes("@") ? unit.slice(0, unit.lastI
 /** Serial number in the station file: the slot. */
 export const slotOf = (unit) => unit.slice(unit.lastIndexOf("@") + 1);
 
+/** Whether two serial numbers are of one unit, as somebody types them. */
+export const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
+
 /** The unit with this serial number in a slot. */
-export const inSlot = (serial, slot) => (serial.trim() && serial.trim() !== slot ? `${serial.trim()}@${slot}` : slot);
+export const inSlot = (serial, slot) => (serial.trim() && !same(serial, slot) ? `${serial.trim()}@${slot}` : slot);

@@ -10,6 +10,7 @@ import { t } from "../lib/words.js";
 import { PlanQuestion } from "./start/plan.js";
 import { planTitle, stationName } from "../lib/names.js";
 import { Ready } from "./start/ready.js";
+import { wrongIn } from "./start/slots.js";
 import { UnitQuestion } from "./start/unit.js";
 
 const NOTHING = { units: [], station: null, plan: null, calibration: null, limits: null, models: null, anew: false };
@@ -106,17 +107,21 @@ function Steps({ now, step, station, plan, answer }) {
 
 /** The other slots of the station, for the same run: with the unit of the station file, or a new one. */
 function Neighbours({ now, station, answer }) {
+  const [wrong, setWrong] = useState("");
   if (station.units.length < 2) return null;
   const of = (slot) => now.units.find((unit) => slotOf(unit) === slot);
   const put = (slot, unit) => {
     const units = station.units.map((one) => (one === slot ? unit : of(one))).filter(Boolean);
-    if (units.length) answer({ units });
+    const problem = wrongIn(station.units, Object.fromEntries(units.map((one) => [slotOf(one), serialOf(one)])));
+    setWrong(problem);
+    if (units.length && !problem) answer({ units });
   };
   const all = now.units.length === station.units.length;
   return html`<fieldset class="neighbours"><legend>${t("start.together")}</legend>
     ${station.units.map((slot) => html`<div key=${slot} class="tick">
       <input type="checkbox" aria-label=${slot} checked=${Boolean(of(slot))} disabled=${now.units.length === 1 && of(slot)} onChange=${() => put(slot, of(slot) ? null : slot)} />
       <${TextField} class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" onGiven=${(serial) => put(slot, inSlot(serial, slot))} /></div>`)}
+    <div aria-live="assertive">${wrong && html`<p class="tone-bad small">${wrong}</p>`}</div>
     ${!all && html`<button type="button" class="narrow" onClick=${() => answer({ units: station.units.map((slot) => of(slot) ?? slot) })}>${t("start.all_units", { n: station.units.length })}</button>`}
   </fieldset>`;
 }

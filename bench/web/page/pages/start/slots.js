@@ -1,10 +1,8 @@
 // One serial number for each slot of a station: scanned or typed, Enter goes to the next slot.
 import { useTyping } from "../../lib/parts.js";
 import { html, useRef, useState } from "../../lib/preact.js";
-import { inSlot } from "../../lib/units.js";
+import { inSlot, same } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
-
-const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
 
 /** What is wrong with the serial numbers by slot, in words; empty where nothing is. */
 export function wrongIn(slots, serials) {
@@ -17,7 +15,7 @@ export function wrongIn(slots, serials) {
 
 /** The units, each in its slot, as the API names them. */
 export const unitsIn = (slots, serials) => slots.filter((slot) => serials[slot]?.trim())
-  .map((slot) => (same(serials[slot], slot) ? slot : inSlot(serials[slot], slot)));
+  .map((slot) => inSlot(serials[slot], slot));
 
 /** Form for the slots of `station`; `answer({units, station})` gets those that have a unit. */
 export function SlotsForm({ station, answer, back }) {

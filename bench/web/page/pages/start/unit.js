@@ -1,15 +1,13 @@
 // Choice of the unit: typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Trouble, useTyping } from "../../lib/parts.js";
-import { inSlot } from "../../lib/units.js";
+import { inSlot, same } from "../../lib/units.js";
 import { stationName } from "../../lib/names.js";
 import { t } from "../../lib/words.js";
 import { SlotsForm } from "./slots.js";
 
 /** Characters that a serial number may have. */
 const LONGEST = 64;
-
-const same = (one, other) => one.trim().toLowerCase() === other.trim().toLowerCase();
 
 /** Stations that have this unit, with its serial number as written there. */
 export const whereIs = (stations, serial) =>
