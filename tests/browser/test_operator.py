@@ -269,6 +269,26 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     assert page.get_by_role("button", name="Abort …").is_enabled()
 
 
+def test_that_the_server_does_not_answer_is_not_said_any_more_when_it_answers(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page, starting = visitors.come(bench.site.address), visitors.come(bench.site.address)
+    page.goto(f"/live/{run}")
+    page.get_by_role("progressbar").wait_for()
+    starting.goto("/start?unit=SIM-0001&station=simulated&plan=short")
+    starting.locator("button.giant:enabled").wait_for()
+    for window in (page, starting):
+        visitors.may_lose_the_server(window)
+    bench.site.end()
+    page.get_by_role("button", name="Hold now").click()
+    starting.locator("button.giant").click()
+    for window in (page, starting):
+        window.get_by_text("The server does not answer").wait_for()
+    bench.site.start()
+    for window in (page, starting):
+        window.get_by_text("The server does not answer").wait_for(state="detached")
+        window.get_by_text("the data shown are old").wait_for(state="detached")
+
+
 def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(project, tmp_path, visitors):
     with site_over(tmp_path, project=project) as site:
         page = visitors.come(site.address)
@@ -277,7 +297,7 @@ def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(
         page.get_by_role("link", name="Start", exact=True).click()
         page.locator("#serial").wait_for()
         visitors.may_lose_the_server(page)
-        for name in ("Units", "Fleet"):  # of the one only the data are missing, of the other the page itself
+        for name in ("Units", "Fleet", "Files"):  # of one only the data are missing, of the others the page itself
             site.end()
             page.get_by_role("link", name=name, exact=True).click()
             again = page.get_by_role("button", name="Try again")

@@ -22,15 +22,15 @@ export const Lamp = ({ tone, children }) => html`<span class=${`lamp tone-${tone
 /** Shown while something is loading. */
 export const Busy = ({ children }) => html`<p class="row" role="status"><span class="spinner"></span>${children ?? t("busy")}</p>`;
 
-/** An error message of the server; without any answer of it, `retry` is called when it answers again. */
-export function Trouble({ error, retry }) {
+/** An error message of the server; without any answer of it, `retry` or `forget` is called when it answers again. */
+export function Trouble({ error, retry, forget = retry }) {
   useEffect(() => {
-    if (!retry || error?.status !== 0) return undefined;
+    if (!forget || error?.status !== 0) return undefined;
     let before = live.get().connected;
     return live.subscribe(({ connected }) => {
       const back = connected && before === false;
       before = connected;
-      if (back) retry();
+      if (back) forget();
     });
   }, [error]);
   return error && html`<div class="notice bad" role="alert">

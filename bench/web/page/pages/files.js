@@ -63,12 +63,13 @@ function File({ kind, id, stations, saved }) {
   const [station, setStation] = useState("simulated");
   const [focus, setFocus] = useState(/** @type {{line: number} | null} */ (null));
   const [state, setState] = useState(/** @type {{saved?: boolean, busy?: boolean, error?: any}} */ ({}));
-  useEffect(() => {
+  const load = () => {
     get(url`/files/${kind}/${id}`).then((found) => {
       setFile(found);
       setText(found.text);
     }, (error) => setState({ error }));
-  }, []);
+  };
+  useEffect(load, []);
   const mine = may("engineer");
   const check = useDraft(kind, id, mine ? text : null, station);
   const findings = check.result?.findings ?? [];
@@ -86,7 +87,7 @@ function File({ kind, id, stations, saved }) {
       setState({ error });
     }
   };
-  if (text === null) return state.error ? html`<${Trouble} error=${state.error} />` : html`<${Busy} />`;
+  if (text === null) return state.error ? html`<${Trouble} error=${state.error} retry=${load} />` : html`<${Busy} />`;
   const placed = findings.filter(({ line, level }) => line && level !== "info");
   const tone = check.result?.ok === false ? "bad" : "good";
   return html`<form class="edit-file stack" onSubmit=${save}>
@@ -97,7 +98,7 @@ function File({ kind, id, stations, saved }) {
         setText(next);
         setState({});
       }} />
-        <${Trouble} error=${state.error} />
+        <${Trouble} error=${state.error} forget=${() => setState({})} />
         ${!mine ? html`<p>${t("papers.engineers")}</p>` : html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
           <button type="submit" class="primary" disabled=${state.busy || !NAME.test(name) || (!changed && name === id)}>${t(file.own && name === id ? "files.save" : "files.save_own")}</button>
           <button type="button" disabled=${!changed} onClick=${() => setText(file.text)}>${t("files.back")}</button>

@@ -40,9 +40,10 @@ export default function Laboratory({ query }) {
   const [stations, setStations] = useState(/** @type {any} */ (null));
   const [station, setStation] = useState(query.station ?? "");
   const [seen, setSeen] = useState(/** @type {{papers?: any, error?: Error}} */ ({}));
-  useEffect(() => {
+  const load = () => {
     get("/stations").then(({ stations: all }) => setStations(all.filter(({ problem }) => !problem)), (error) => setSeen({ error }));
-  }, []);
+  };
+  useEffect(load, []);
   const chosen = station || stations?.[0]?.id;
   useEffect(() => {
     if (!chosen) return;
@@ -50,7 +51,7 @@ export default function Laboratory({ query }) {
     get(url`/stations/${chosen}/papers`).then((papers) => setSeen({ papers }), (error) => setSeen({ error }));
     remember({ station: chosen });
   }, [chosen]);
-  if (!stations) return html`<div class="page">${seen.error ? html`<${Trouble} error=${seen.error} />` : html`<${Busy} />`}</div>`;
+  if (!stations) return html`<div class="page">${seen.error ? html`<${Trouble} error=${seen.error} retry=${load} />` : html`<${Busy} />`}</div>`;
   return html`<div class="page stack papers"><h1>${t("papers.title")}</h1><p class="soft">${t("papers.what")}</p>
     <div class="field"><label for="station">${t("papers.station")}</label>
       <select id="station" value=${chosen} onChange=${(event) => choose(event, chosen, setStation)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen} title=${title}>${stationName(title)}</option>`)}</select></div>
@@ -103,7 +104,7 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
     <p class="small soft">${paper.file ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
     <${Trouble} error=${paper.problem || null} />
     <fieldset class="all" disabled=${!may("engineer")}><${Fields} content=${content} change=${change} /></fieldset>
-    <${Trouble} error=${state.error} />
+    <${Trouble} error=${state.error} forget=${() => setState({})} />
     <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t("papers.save")}<span class="unseen"> ${t(`papers.${kind}`)}</span></button>` : html`<p>${t("papers.engineers")}</p>`}
       <span role="status">${state.saved && t("papers.saved")}</span></div>
   </form>`;

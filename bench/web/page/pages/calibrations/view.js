@@ -136,11 +136,11 @@ function useGoOn(job) {
       setNow({ error });
     }
   };
-  return { ...now, go };
+  return { ...now, go, forget: () => setNow({}) };
 }
 
 function Held({ job }) {
-  const { busy, error, go } = useGoOn(job);
+  const { busy, error, go, forget } = useGoOn(job);
   const [reason, setReason] = useState("");
   const submit = (event) => {
     event.preventDefault();
@@ -149,18 +149,18 @@ function Held({ job }) {
   return html`<section class="notice warn" role="status"><p><strong>${t("job.held")}</strong></p><p><${Said} text=${job.sentence} /></p></section>
     ${may("operator") && html`<form class="stack" onSubmit=${submit}><${OperatorField} />
       <div class="field"><label for="reason">${t("job.reason")}</label><textarea id="reason" rows="3" maxlength="500" value=${reason} onInput=${(event) => setReason(event.target.value)}></textarea></div>
-      <${Trouble} error=${error} />
+      <${Trouble} error=${error} forget=${forget} />
       <button type="submit" class="go" disabled=${busy || !reason.trim()}>${t("job.release")}</button></form>
       <div class="verdict-ways"><${Repeat} job=${job} /></div>`}`;
 }
 
 function Stopped({ job }) {
-  const { busy, error, go } = useGoOn(job);
+  const { busy, error, go, forget } = useGoOn(job);
   const all = job.together.filter(({ state }) => STOPPED.includes(state)).map(({ unit }) => unit);
   const papers = job.exit_code === 2 && job.start && job.steps.some(({ name, state }) => name === "check" && state === "failed");
   return html`<section class="notice bad" role="status"><p><strong>${t(job.state === "failed" ? `job.failed.${job.exit_code}` : "job.interrupted")}</strong></p>
       <p><${Said} text=${job.sentence || job.start?.message} /></p></section>
-    <${Trouble} error=${error} />
+    <${Trouble} error=${error} forget=${forget} />
     ${may("operator") && html`<div class="verdict-ways">
       ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}${all.length > 1 && `${sign(": ")}${all.join(", ")}`}</button>`}
       ${papers && html`<a class="button" href=${`/laboratory?station=${encodeURIComponent(job.start.station)}`}>${t("papers.title")}</a>`}

@@ -37,7 +37,7 @@ export function Actions({ run }) {
   const reached = run.condition !== "gone";
   const ending = requested === "abort" || run.state === "ending";
   return html`<div class="actions" role="group" aria-label=${t("actions.label")}>
-    <${Trouble} error=${error} />
+    <${Trouble} error=${error} forget=${() => setError(null)} />
     <div class="actions-row">
       ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
         <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || requested !== ""} onClick=${() => ask(action)}>

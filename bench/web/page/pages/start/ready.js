@@ -63,7 +63,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
         </select>
         ${models.length > 0 && html`<p class="soft small">${t("ready.models", { models: models.join(", ") })}</p>`}</div>`}
       <${OperatorField} />
-      <${Trouble} error=${refused} />
+      <${Trouble} error=${refused} forget=${() => setRefused(null)} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
       <${StartButton} ready=${ready} starting=${starting} later=${later} wrong=${result?.ok === false} start=${() => start()} />
       <div class="field"><label for="later">${t("ready.later")}</label>
