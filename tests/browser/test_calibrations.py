@@ -5,7 +5,8 @@ import re
 
 import pytest
 
-from bench.commands import STEP_NAMES
+from bench.base import library
+from bench.commands import STEP_NAMES, JobFile, Order
 from tests.browser.test_operator import press_tab_to
 from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
@@ -117,6 +118,17 @@ def test_a_new_gyro_goes_to_its_certificate(bench, visitors):
         assert english(page) == []
     run = bench.out / "GX-0815" / told["steps"]["run"]["facts"]["run"]
     assert json.loads((run / "manifest.json").read_text())["operator"].startswith("Olena ")
+
+
+def test_a_calibration_that_is_running_is_not_one_that_start_goes_on_with(site, visitors):
+    address, out = site
+    plan, station = (library() / name for name in ("plans/quick.yaml", "stations/simulated.yaml"))
+    order = Order.load(plan, station, "GX-7@SIM-0001", out)
+    page = visitors.come(address)
+    with JobFile.create(out / "GX-7", order.serial, "quick", order.digest()).locked():
+        page.goto("/start?unit=GX-7@SIM-0001&station=simulated&calibration=quick")
+        page.get_by_text("GX-7: a calibration by this plan is running.").wait_for()
+    assert not page.get_by_label("Begin again with the first step").count()
 
 
 @pytest.mark.slow

@@ -1,5 +1,7 @@
 """The texts of profiles, stations and limits in the page."""
 
+import re
+
 import pytest
 
 from bench.web.people import people
@@ -42,6 +44,20 @@ def test_changes_that_are_not_saved_are_not_lost_without_a_question(address, vis
     page.go_back()
     question.get_by_role("button", name="Discard changes").click()
     page.wait_for_url("**/units")
+
+
+def test_a_file_that_could_not_be_fetched_is_asked_for_again(address, visitors):
+    page = visitors.come(address)
+    visitors.of(page).forgives = re.compile("ERR_FAILED")
+    page.goto("/files")
+    file = "**/api/v1/files/profiles/quick"
+    page.route(file, lambda route: route.abort())
+    page.get_by_label("File", exact=True).select_option("quick")
+    again = page.get_by_role("button", name="Try again")
+    again.wait_for()
+    page.unroute(file)
+    again.click()
+    page.get_by_label("Text of the file").wait_for()
 
 
 def test_who_may_not_change_a_file_reads_it_and_is_told_so(tmp_path, project, visitors):

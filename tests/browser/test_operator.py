@@ -297,7 +297,7 @@ def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(
         page.get_by_role("link", name="Start", exact=True).click()
         page.locator("#serial").wait_for()
         visitors.may_lose_the_server(page)
-        for name in ("Units", "Fleet", "Files"):  # of one only the data are missing, of the others the page itself
+        for name in ("Units", "Fleet"):  # of the one only the data are missing, of the other the page itself
             site.end()
             page.get_by_role("link", name=name, exact=True).click()
             again = page.get_by_role("button", name="Try again")

@@ -51,8 +51,8 @@ def calibrate_all(
     boundary: Boundary = lambda step, state: None,
 ) -> list[JobFile]:
     """The same for several units of one station by one plan: what is run is run once, for all that stand there."""
-    jobs = _jobs(orders, release, anew)
     notifier = Notifier(station_of(orders[0].station_file()).notify)
+    jobs = _jobs(orders, release, anew)
     with ExitStack() as stack:
         for job in jobs:
             stack.enter_context(job.locked())

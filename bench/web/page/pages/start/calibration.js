@@ -33,10 +33,10 @@ export async function address(start) {
 /** Calibrations of these units by this plan that were begun before; those that have not ended go on, or are begun `anew`. */
 export function Begun({ begun = {}, anew, setAnew }) {
   const known = Object.entries(begun);
-  const word = (state) => (state === "ended" ? "ready.again" : anew ? "ready.begins_anew" : "ready.goes_on");
+  const word = (state) => (state === "ended" ? "ready.again" : state === "running" ? "ready.at_work" : anew ? "ready.begins_anew" : "ready.goes_on");
   return html`${known.map(([unit, { job, state }]) => html`<div key=${unit} class="notice warn">
     <p>${t(word(state), { serial: serialOf(unit), state: or(`job.state.${state}`, state) })} <a href=${`/calibrations/${job}`}>${t("ready.show")}</a></p></div>`)}
-  ${known.some(([, { state }]) => state !== "ended") && html`<label class="row"><input type="checkbox" checked=${anew} onChange=${(event) => setAnew(event.target.checked)} /> ${t("ready.anew")}</label>`}`;
+  ${known.some(([, { state }]) => !["ended", "running"].includes(state)) && html`<label class="row"><input type="checkbox" checked=${anew} onChange=${(event) => setAnew(event.target.checked)} /> ${t("ready.anew")}</label>`}`;
 }
 
 /** What people have to do on the way, and where the laboratory's facts are filled in; at once where the check `failed`. */
