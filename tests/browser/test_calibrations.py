@@ -1,7 +1,9 @@
 """A new gyro from the start page to its certificate in a real browser, without any file edited by hand."""
 
 import json
+import os
 import re
+import signal
 
 import pytest
 
@@ -157,6 +159,28 @@ def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page.evaluate("document.fonts.ready")
     state = page.get_by_role("row", name="GX-0815").locator(".lamp").bounding_box()
     assert state["x"] + state["width"] <= PHONE["width"], "how it stands is seen without a move"
+
+
+def test_a_calibration_that_was_cut_off_says_on_one_screen_how_it_goes_on(bench, visitors, tmp_path):
+    station = tmp_path / "project" / "profiles" / "stations" / "unhurried.yaml"
+    station.write_text(f"{station.read_text()}laboratory: simulated\nequipment: simulated\n")
+    page = visitors.come(bench.site.address, size={"width": 1366, "height": 768})
+    asked = {"plan": "brief", "station": "unhurried", "unit": SLOW_UNIT}
+    start = bench.client.post("/calibrations", json=asked).raise_for_status().json()["start"]
+    job = until(lambda: bench.get(f"/starts/{start}/calibration"))["job"]
+    page.goto(f"/calibrations/{job}")
+    page.locator(".several-run").get_by_text("started by").wait_for()
+    assert page.locator(".several-run .headline-what").bounding_box()["height"] < 80, "two lines"
+    os.kill(json.loads((bench.out / ".web" / "starts" / start / "start.json").read_text())["pid"], signal.SIGKILL)
+    page.get_by_text("Its calibration can go on.").wait_for()
+    assert not page.get_by_text("bench resume").count()
+    assert page.locator(".several-run .headline-what").bounding_box()["height"] < 80
+    fails = []
+    page.on("requestfinished", lambda request: fails.append(request.url) if request.response().status == 409 else None)
+    page.reload()
+    page.get_by_text("Its calibration can go on.").wait_for()
+    page.wait_for_timeout(3000)
+    assert fails == []
 
 
 @pytest.mark.slow

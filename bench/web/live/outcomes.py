@@ -31,7 +31,7 @@ def outcome(folder: Path, about: StartRecord, alive: bool, out: Path, project: P
     content = _answer(folder)
     runs = _runs(content, out) or list(about.runs)
     if code is None:
-        again = _again(runs[0], out) if runs else "start it again"
+        again = _again(about, runs[0], out) if runs else "start it again"
         return {**nothing, "state": "ended", "runs": runs, "message": f"something ended its process; {again}"}
     if code == 2 and not runs:
         return {**nothing, "state": "refused", "exit_code": code, "message": said}
@@ -51,8 +51,10 @@ def waits(folder: Path, about: StartRecord) -> bool:
     return bool(about.waiting) and not (folder / LOCK).exists()
 
 
-def _again(run: str, out: Path) -> str:
+def _again(about: StartRecord, run: str, out: Path) -> str:
     """Advice for a run whose process was killed, during the run or its analysis."""
+    if about.digest:
+        return "its calibration can go on"
     if (out / run / MANIFEST).is_file():
         return f"`bench report {run}` analyses it"
     return f"`bench resume {run}` goes on with it"

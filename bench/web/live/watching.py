@@ -70,11 +70,11 @@ class Watched:
         try:
             answer = self._answer()
         except InputError as error:  # another process uses its port now
-            self.condition, self.detail = "gone", _gone(self.live, self._without_place(error))
+            self.condition, self.detail = "gone", self._gone(self._without_place(error))
         except EquipmentError as error:
             silent = isinstance(error.__cause__, TimeoutError)
             self.condition = "silent" if silent else "gone"
-            self.detail = self._without_place(error) if silent else _gone(self.live, "")
+            self.detail = self._without_place(error) if silent else self._gone()
         else:
             if self.traced:
                 self.mirror.take(answer.pop("trace"))
@@ -85,6 +85,11 @@ class Watched:
                 self.condition = "silent"
                 self.detail = f"its loop has not ticked for {age_s:.0f} s: nothing here is newer; look at the chamber"
         self.next_s = now_s + (PERIOD_S if self.condition == "live" else SILENT_S)
+
+    def _gone(self, why: str = "") -> str:
+        again = "its calibration can go on" if self.about["job"] else f"`bench resume {self.runs[0]}` goes on with it"
+        text = f"its process {self.live.file.pid} is gone; {again}"
+        return f"{text} ({why})" if why else text
 
     def _without_place(self, error: BenchError) -> str:
         return within(self.live.folders[0].parents[1], str(error))
@@ -264,8 +269,3 @@ def _analysed(end: Mapping[str, Any]) -> list[bool]:
 
 def _head(watched: Watched) -> dict[str, Any]:
     return {key: watched.about[key] for key in ("run", "runs", "unit", "profile", "station", "start", "who", "job")}
-
-
-def _gone(run: LiveRun, why: str) -> str:
-    text = f"its process {run.file.pid} is gone; `bench resume {ids(run.folders)[0]}` goes on with it"
-    return f"{text} ({why})" if why else text

@@ -43,8 +43,8 @@ function takeLive(event) {
   const { runs, traces: increments = {} } = JSON.parse(event.data);
   for (const { run } of runs) if (!traces.has(run)) traces.set(run, new Trace());
   for (const run of traces.keys()) if (!runs.some((seen) => seen.run === run)) traces.delete(run);
-  for (const [run, increment] of Object.entries(increments)) if (!traces.get(run)?.take(increment)) catchUp(run);
-  for (const { run } of runs) if (!traces.get(run).complete) catchUp(run);
+  const gaps = Object.entries(increments).filter(([run, increment]) => !traces.get(run)?.take(increment)).map(([run]) => run);
+  for (const { run, condition } of runs) if (condition === "live" && (gaps.includes(run) || !traces.get(run).complete)) catchUp(run);
   received({ runs });
 }
 

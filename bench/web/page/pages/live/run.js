@@ -92,7 +92,7 @@ export function Segments({ run }) {
 export function Troubles({ run }) {
   const gone = isOld(run) && run.condition !== "ended";
   return html`<div aria-live="assertive">
-    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong>${sign(" ")}<${Said} text=${run.detail} /></p></div>`}
+    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong>${sign(" ")}<${Said} text=${run.detail} whole /></p></div>`}
     ${run.chamber?.alarm?.length > 0 && html`<div class="notice bad"><p><strong>${t("live.alarm")}</strong>${sign(" ")}${run.chamber.alarm.join(", ")}</p></div>`}
     ${run.state === "holding" && html`<div class="notice warn"><p><strong>${t("live.held_by")}</strong>${sign(" ")}<${Said} text=${run.holding?.join("; ")} /></p></div>`}
     ${(run.units ?? []).filter((unit) => unit.dropped).map((unit) => html`<div key=${unit.serial} class="notice bad"><p><strong>${t("live.dropped", { serial: unit.serial })}</strong>${sign(" ")}<${Said} text=${unit.dropped} /></p></div>`)}
