@@ -103,6 +103,19 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     page.locator(".wb-words", has_text="means over").wait_for()
 
 
+def test_what_adds_a_suspect_stands_beside_its_name_in_the_longest_language(page):
+    page.set_viewport_size({"width": 1366, "height": 768})
+    page.locator(".bar select").select_option("uk")
+    page.goto("/workbench")
+    page.get_by_role("combobox").last.fill("MYSTERY ramp")
+    page.locator("[role=option]", has_text="MYSTERY").first.click()
+    page.locator(".wb-suspect").first.wait_for()
+    page.locator(".wb-diagnosis .wb-link").last.wait_for()
+    for head in page.locator(".wb-suspect-head").all():
+        name, add = head.locator("h4").bounding_box(), head.get_by_role("button").last.bounding_box()
+        assert add["x"] >= name["x"] + name["width"], head.inner_text()
+
+
 def test_an_error_or_a_floor_that_is_not_known_says_why(page):
     """An hour of a log without a soak: two dashes, and no word."""
 
@@ -174,17 +187,17 @@ def test_a_run_is_named_by_plan_and_moment_and_found_by_what_names_it(page, myst
     page.locator(".bar select").select_option("uk")
     page.goto("/workbench")
     page.get_by_text(f"{MANY + 3} з {MANY + 3}").wait_for()
-    for words in (f"MYSTERY {folder}", "MYSTERY ramp", "mystery калібрування завершено"):
+    for words in (f"MYSTERY {folder}", "MYSTERY ramp", "mystery калібрування завершено", "mystery −40…85"):
         page.get_by_role("combobox").last.fill("")
         page.get_by_text(f"{MANY + 3} з {MANY + 3}").wait_for()
         page.get_by_role("combobox").last.fill(words)
         page.get_by_text(re.compile(rf"^1 з {MANY + 3}")).wait_for()
     row = page.locator("[role=option]")
-    assert row.locator(".wb-row-name").inner_text() == "Калібрування, −40…85\xa0°C"
+    assert row.locator(".wb-row-name").inner_text() == "Калібрування, −40…\u206085\xa0°C"
     day = row.locator(".wb-row-day").inner_text()
     row.click()
     name = page.locator(".wb-chip-name")
-    assert name.inner_text() == f"Калібрування, −40…85\xa0°C · {day}"
+    assert name.inner_text() == f"Калібрування, −40…\u206085\xa0°C · {day}"
     page.locator("button", has_text="+ ").first.wait_for()
     said = [*page.locator(".wb-chosen").all_inner_texts(), page.locator(".wb-x").first.get_attribute("aria-label")]
     assert not re.search(r"ramp_|check_|\dT\d", " ".join(said))

@@ -378,8 +378,8 @@ def test_a_finding_is_a_sentence_on_the_page() -> None:
 
 
 def test_a_value_and_its_sign_stay_in_one_line() -> None:
-    given = ["leaves 1.5 × in its diagnosis, 0.2 °C"]
-    told_of = ["leaves 1.5\u00a0×\u00a0in its diagnosis, 0.2\u00a0°C"]
+    given = ["leaves 1.5 × in its diagnosis, 0.2 °C", "−40…85 °C, …"]
+    told_of = ["leaves 1.5\u00a0×\u00a0in its diagnosis, 0.2\u00a0°C", "−40…\u206085\u00a0°C, …"]
     assert spoken("lib/words.js", "unbroken", given, "en") == told_of
 
 

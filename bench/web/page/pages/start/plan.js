@@ -1,14 +1,14 @@
 // Choice of the plan: each with its temperature curve, duration and purpose.
 import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
-import { between, degrees, forecast, number, t } from "../../lib/words.js";
+import { between, degrees, forecast, number, searched, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 import { isOffered, planPurpose, planTitle } from "../../lib/names.js";
 
 const MOST = 24;
 
 const fits = (plan, words) => {
-  const text = `${plan.id} ${planTitle(plan)} ${planPurpose(plan)}`.toLowerCase();
+  const text = searched(`${plan.id} ${planTitle(plan)} ${planPurpose(plan)}`);
   return words.toLowerCase().split(/\s+/).every((word) => text.includes(word));
 };
 

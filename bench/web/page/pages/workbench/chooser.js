@@ -1,5 +1,6 @@
 // Choosing a run among ten thousand: the server filters, only the visible rows are drawn.
 import { html, t, or, api, moment, useEffect, useRef, useState } from "./parts.js";
+import { searched } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 import { dayIn } from "../../lib/days.js";
 import { timesFloor } from "../../lib/floor.js";
@@ -23,7 +24,7 @@ function wanted(text, names) {
   const typed = text.trim().toLowerCase();
   const day = dayIn(typed);
   const words = typed.replace(day?.found ?? "", " ").trim().split(/\s+/).map((word) => {
-    const named = names.filter(([, seen]) => word.length > 1 && seen.toLowerCase().includes(word));
+    const named = names.filter(([, seen]) => word.length > 1 && searched(seen).includes(word));
     return [...new Set([word, ...named.map(([name]) => name)])].join("|");
   });
   return [...words, ...(day ? [day.hours.join("|")] : [])].join(" ");
