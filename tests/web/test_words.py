@@ -383,6 +383,13 @@ def test_a_value_and_its_sign_stay_in_one_line() -> None:
     assert spoken("lib/words.js", "unbroken", given, "en") == told_of
 
 
+@pytest.mark.parametrize(("language", "said"), [("uk", "англійською)"), ("zh", "英文）")])
+def test_what_opens_a_paper_in_english_says_so(language: str, said: str) -> None:
+    keys = ["verdict.report", "units.run.report", "units.open_pdf", "job.print", "run.certificate.get"]
+    keys.append("run.certificate.get_draft")
+    assert all(text.endswith(said) for text in spoken("lib/words.js", "t", keys, language))
+
+
 def test_a_finding_keeps_the_names_of_the_user() -> None:
     call = "console.log(JSON.stringify(given.map(([text, names]) => page.sentence(text, names))))"
     given = [["abc is on can0", ["abc"]], ["unit abc is on can0", ["abc"]]]
