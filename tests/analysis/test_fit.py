@@ -423,7 +423,7 @@ def test_zero_rows_are_refused():
     record = noisy()
     for rows in ([np.zeros(720, dtype=bool)], None):
         empty = record if rows else record.select(np.zeros(720, dtype=bool))
-        with pytest.raises(InputError, match="zero rows to fit"):
+        with pytest.raises(InputError, match="zero rows to fit" if rows else "or shorter than one of its means"):
             fit_model(load_model("polynomial"), empty, rows)
     with pytest.raises(InputError, match="one mask a dataset"):
         fit_model(load_model("polynomial"), record, [np.ones(3, dtype=bool)])

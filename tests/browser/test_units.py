@@ -146,6 +146,14 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     page.get_by_role("cell", name="Import: лог-7").wait_for()
 
 
+def test_the_first_values_of_a_long_time_differ(page, tmp_path):
+    rows = [f"{1_700_000 - i},{25 + 0.01 * i},{5 + 0.1 * (i % 7)}" for i in range(500)]
+    (tmp_path / "old.csv").write_text("\n".join(["time [s],temperature [degC],rate [deg/h]", *rows]))
+    page.goto("/import")
+    page.locator("input[type=file]").set_input_files(str(tmp_path / "old.csv"))
+    page.get_by_text("1,700,000, 1,699,999, 1,699,998").wait_for()
+
+
 def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tmp_path):
     path = tmp_path / "counted.csv"
     rows = "".join(f"{i},{i % 3},{i % 5},1,{20 + i / 100}\n" for i in range(400))

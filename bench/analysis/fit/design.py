@@ -183,7 +183,7 @@ def fit_rows(model: Model, records: tuple[Dataset, ...], rows: Sequence[BoolArra
     Raises InputError: no run, zero rows, a channel that is missing, no soaks for the fixed-temperature method.
     """
     if not records or not any(len(record) for record in records):
-        raise InputError("zero rows to fit: the dataset is empty")
+        raise InputError("zero rows to fit: the run is empty, or shorter than one of its means")
     masks = tuple(np.ones(len(r), dtype=bool) for r in records) if rows is None else tuple(rows)
     if len(masks) != len(records) or any(m.shape != r.time.shape for m, r in zip(masks, records, strict=True)):
         raise InputError("rows must be one mask a dataset, as long as it")

@@ -97,7 +97,7 @@ function Channel({ kind, needed, seen, columns, choice, change }) {
     <td><${TextField} list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column && kind.name !== "time"} onGiven=${(unit) => change({ ...choice, unit: unit.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
     <td class="n">${seen ? html`${asGiven(seen.low, 4)} … ${asGiven(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
-    <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => asGiven(value, 4)).join(", ") : ""}</td></tr>`;
+    <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => asGiven(value, 7)).join(", ") : ""}</td></tr>`;
 }
 
 function Understood({ shown, kinds, choice, change, busy }) {
