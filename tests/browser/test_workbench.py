@@ -240,6 +240,21 @@ def test_a_zoom_by_keyboard_fetches_finer_data(page):
     words.filter(has_text="from 0.00 h").wait_for()
 
 
+def test_a_range_of_temperature_on_the_free_axes_is_in_the_address_and_holds_in_other_figures(page):
+    choose(page)
+    page.get_by_role("tab", name="Free axes").click()
+    page.locator(".wb-words", has_text="over temperature of the unit").wait_for()
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    page.locator(".wb-plot").focus()
+    page.keyboard.press("+")
+    page.wait_for_url("**zoom=degC*")
+    page.get_by_role("tab", name="Over time").click()
+    page.locator(".wb-pictures .wb-chip", has_text="whole").wait_for()
+    page.get_by_role("tab", name="Free axes").click()
+    page.get_by_label("Residual over").select_option("quadrature")
+    page.locator(".wb-pictures .wb-chip", has_text="Only").wait_for()
+
+
 def test_figure_and_data_can_be_taken_away(page):
     choose(page)
     page.locator(".wb-words", has_text="MYSTERY").wait_for()

@@ -146,7 +146,8 @@ export function Pictures({ session, picked, once }) {
   const of = every || all.includes(session.of) ? session.of : runs.runs[0];
   const selection = selectionOf(zoom);
   const heeded = selection && HEEDS[kind]?.includes(selection.axis) ? selection : null;
-  const range = heeded && heeded.axis === AXES[kind] ? heeded.range : null;
+  const axis = kind === "axes" && over === "temperature" ? "degC" : AXES[kind];
+  const range = heeded && heeded.axis === axis ? heeded.range : null;
   // The same figure keeps its zoom while finer data arrive and while the model changes.
   const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, over, runs]);
   const bodyOf = (fitted) => ({ kind, ...runs, of: every ? null : of, every, over, model: fitted, ...spanOf(heeded), width: pointsFor(frame.current) });
@@ -167,8 +168,8 @@ export function Pictures({ session, picked, once }) {
   useEffect(() => () => clearTimeout(timer.current), []);
   const onZoom = (next) => {
     clearTimeout(timer.current);
-    if (picked || (next && !AXES[kind])) return;
-    told.current = next ? `${AXES[kind]}:${next.map((end) => Number(end.toPrecision(8))).join()}` : "";
+    if (picked || (next && !axis)) return;
+    told.current = next ? `${axis}:${next.map((end) => Number(end.toPrecision(8))).join()}` : "";
     timer.current = setTimeout(() => act({ type: "zoom", zoom: told.current }), ZOOM_PAUSE_MS);
   };
   const moment = pointed.get();
