@@ -1,7 +1,8 @@
 """Units, fleet and imports in a real browser: found, looked at, opened, imported; by mouse and by keyboard."""
 
 import json
-from datetime import timedelta
+from datetime import datetime, timedelta
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -81,6 +82,15 @@ def test_a_trend_is_chosen_by_keyboard_and_drawn_with_its_limit(page):
     with page.expect_download() as download:
         page.get_by_role("button", name="Save the figure as CSV").click()
     assert "noise_floor" in download.value.suggested_filename
+
+
+def test_a_trend_is_over_the_readers_time_as_the_list_of_runs(page):
+    page.goto(f"/units/{UNIT}")
+    page.locator(".st-plot .main-svg").first.wait_for()
+    drawn = page.locator(".st-plot").evaluate("(plot) => [plot.data[0].x.at(-1), plot.layout.xaxis.title?.text ?? '']")
+    run = page.request.get(f"/api/v1/units/{UNIT}").json()["runs"][0]
+    here = datetime.fromisoformat(run["created"]).astimezone(ZoneInfo("Europe/Kyiv"))
+    assert drawn == [f"{here:%Y-%m-%dT%H:%M:%S}.000", ""]
 
 
 def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):

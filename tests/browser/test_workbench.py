@@ -193,11 +193,11 @@ def test_a_run_is_named_by_plan_and_moment_and_found_by_what_names_it(page, myst
         page.get_by_role("combobox").last.fill(words)
         page.get_by_text(re.compile(rf"^1 з {MANY + 3}")).wait_for()
     row = page.locator("[role=option]")
-    assert row.locator(".wb-row-name").inner_text() == "Калібрування, −40…\u206085\xa0°C"
+    assert row.locator(".wb-row-name").inner_text() == "Калібрування, −40\u2060…\u206085\xa0°C"
     day = row.locator(".wb-row-day").inner_text()
     row.click()
     name = page.locator(".wb-chip-name")
-    assert name.inner_text() == f"Калібрування, −40…\u206085\xa0°C · {day}"
+    assert name.inner_text() == f"Калібрування, −40\u2060…\u206085\xa0°C · {day}"
     page.locator("button", has_text="+ ").first.wait_for()
     said = [*page.locator(".wb-chosen").all_inner_texts(), page.locator(".wb-x").first.get_attribute("aria-label")]
     assert not re.search(r"ramp_|check_|\dT\d", " ".join(said))

@@ -76,8 +76,24 @@ function spokenTrace(trace, layout) {
 /** Ticks of a date, the same in every language; plotly's own have English months. */
 const DATES = [{ dtickrange: [null, 6e4], value: "%H:%M:%S\n%Y-%m-%d" }, { dtickrange: [6e4, 864e5], value: "%H:%M\n%Y-%m-%d" }, { dtickrange: [864e5, null], value: "%Y-%m-%d" }];
 
-/** A figure with titles, legend and labels in the language of the page. */
-export const spokenTitles = ({ data, layout }) => ({ data: data.map((trace) => ({ ...trace, name: nameOf(trace) })), layout: spokenLayout(layout) });
+/** A moment (ISO 8601) by the reader's clock, without its zone: plotly draws what is written. */
+const local = (iso) => {
+  const moment = new Date(iso);
+  return new Date(moment.getTime() - moment.getTimezoneOffset() * 60000).toISOString().slice(0, -1);
+};
+
+/** A figure over dates by the reader's clock. */
+function dated({ data, layout }) {
+  if (layout.xaxis?.type !== "date") return { data, layout };
+  const xaxis = { ...layout.xaxis, title: undefined, range: layout.xaxis.range?.map(local) };
+  return { data: data.map((trace) => ({ ...trace, x: trace.x.map(local) })), layout: { ...layout, xaxis } };
+}
+
+/** A figure with titles, legend and labels in the language of the page, and dates by the reader's clock. */
+export function spokenTitles(figure) {
+  const { data, layout } = dated(figure);
+  return { data: data.map((trace) => ({ ...trace, name: nameOf(trace) })), layout: spokenLayout(layout) };
+}
 
 function spokenLayout(layout) {
   const { decimal, group } = separators();

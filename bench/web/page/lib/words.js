@@ -49,7 +49,7 @@ export function speakOfAll() {
 const BEFORE_UNIT = /(?<=\d) (?=[°%×±]|(?:h|min|m?s|Hz|V|[KMGT]i?B|deg\/h|год|хв|м?с|Гц|В|[КМГТ]і?Б)(?!\p{L}))|(?<=[×±]) (?=[\p{L}\d])/gu;
 
 /** A text with a value and its unit or sign, and both ends of a range (0…50), in one line. */
-export const unbroken = (text) => text.replace(BEFORE_UNIT, "\u00a0").replace(/(?<=\d)…(?=[−\d])/g, "…\u2060");
+export const unbroken = (text) => text.replace(BEFORE_UNIT, "\u00a0").replace(/(?<=\d)[…至](?=[−\d])/g, "\u2060$&\u2060");
 
 /** A text as people type it, to be searched in. */
 export const searched = (text) => text.toLowerCase().replaceAll("\u2060", "");
