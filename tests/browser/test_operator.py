@@ -465,6 +465,35 @@ def test_an_abort_is_not_offered_any_more_when_the_pin_has_expired(tmp_path, pro
         page.context.close()
 
 
+def test_back_asks_the_question_before_again(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/units")
+    page.get_by_role("link", name="Start", exact=True).click()
+    page.get_by_role("region", name="Embedded station").get_by_role("button", name="SIM-0001").click()
+    page.get_by_role("button", name=re.compile("^Quick run")).click()
+    page.get_by_role("heading", name="Ready to start?").wait_for()
+    page.go_back()
+    page.get_by_role("heading", name="Which test plan?").wait_for()
+    assert page.locator(".steps strong").all_inner_texts() == ["SIM-0001"]
+    page.go_forward()
+    page.get_by_role("heading", name="Ready to start?").wait_for()
+    page.get_by_role("link", name="Files").click()
+    page.get_by_role("link", name="Start", exact=True).click()
+    page.get_by_role("heading", name="Ready to start?").wait_for()  # kept meanwhile
+    for _ in range(2):
+        page.go_back()
+    for _ in range(2):
+        page.go_back()
+    page.get_by_role("heading", name="Which unit?").wait_for()
+    page.go_back()
+    page.wait_for_url("**/units")
+    page.goto("/start?unit=SIM-0001&station=simulated&plan=quick")
+    page.get_by_role("button", name="Change Test plan").click()
+    page.get_by_role("heading", name="Which test plan?").wait_for()
+    page.go_back()
+    page.get_by_role("heading", name="Ready to start?").wait_for()
+
+
 def test_a_serial_number_that_no_unit_can_have_is_refused_before_anything_is_chosen(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")

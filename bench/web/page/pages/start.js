@@ -36,6 +36,22 @@ function useChoices() {
   return { ...choices, load };
 }
 
+/** Answers, kept with the entry of the history, or with a new one. */
+function keep(next, how = "replaceState") {
+  history[how]({ order: next }, "");
+  order.set(next);
+}
+
+/** Each question is an entry of the history with its answers: Back asks the one before again. */
+function useBack() {
+  useEffect(() => {
+    const back = ({ state }) => state?.order && order.set(state.order);
+    history.replaceState({ order: order.get() }, "");
+    addEventListener("popstate", back);
+    return () => removeEventListener("popstate", back);
+  }, []);
+}
+
 /** The answers in the address, if they exist: `/start?unit=…&station=…&plan=…&limits=…&models=…` or `…&calibration=…&anew=true`. */
 function asked({ unit, station, plan, calibration, limits = null, models, anew }, { plans, calibrations, stations }) {
   const units = unit ? unit.split(",") : [];
@@ -56,14 +72,18 @@ export default function Start({ query }) {
   const who = useStore(session);
   const heading = useRef(null);
   const step = question(now);
+  useBack();
   useEffect(() => {
-    if (choices.plans && (query.unit || query.plan || query.calibration)) order.set(asked(query, choices));
+    if (choices.plans && (query.unit || query.plan || query.calibration)) keep(asked(query, choices));
   }, [choices.plans]);
   useEffect(() => heading.current?.focus(), [step]);
   if (!may("operator")) return html`<div class="page"><div class="notice warn"><p>${t("start.not_allowed")}</p>${who.pins && html`<p><${Operator} who=${who} /></p>`}</div></div>`;
   if (choices.error) return html`<div class="page"><${Trouble} error=${choices.error} retry=${choices.load} /></div>`;
   if (!choices.plans) return html`<div class="page"><${Busy} /></div>`;
-  const answer = (more) => order.set({ ...now, ...more });
+  const answer = (more) => {
+    const next = { ...now, ...more };
+    keep(next, question(next) === step ? "replaceState" : "pushState");
+  };
   const station = choices.stations.find((one) => one.id === now.station);
   const plan = now.calibration ? choices.calibrations.find((one) => one.id === now.calibration) : choices.plans.find((one) => one.id === now.plan);
   return html`<div class="start">
