@@ -161,6 +161,9 @@ def test_from_serial_number_to_abort_by_keyboard_alone(bench, visitors):
     press_tab_to(page, start)
     page.keyboard.press("Enter")
     page.wait_for_url(f"**/live/{SLOW_UNIT}/*")
+    page.go_back()
+    page.get_by_role("heading", name="Which unit?").wait_for()  # not START again
+    page.go_forward()
     page.get_by_text("Time left").wait_for()
     abort = page.get_by_role("button", name="Abort …")
     press_tab_to(page, abort)

@@ -40,7 +40,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
       const way = calibrating ? await beginAll(order, result.begun, more)
         : await startRun("/starts", { plan: order.plan, station: order.station, units: order.units, ...more, models, ...(within ? { limits: within } : {}) }).then((run) => run && `/live/${run}`);
       begun();
-      navigate(way ?? "/calibrations");
+      navigate(way ?? "/calibrations", { replace: true }); // Back must not lead to START again
     } catch (problem) {
       setRefused(problem);
       setStarting(false);
