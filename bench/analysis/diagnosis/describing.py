@@ -139,8 +139,7 @@ class Describer:
         """What was `found` beside the model alone against the effects, and against the formulas beside the effects."""
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
-        gain = explained.first.minus2logl - explained.last.minus2logl
-        named, named_borne = self._named(layout, explained.layout, gain, borne)
+        named, named_borne = self._named(layout, explained, borne)
         best = plain[0] if plain and plain[0].total > named + TIE else None
         if best and (
             best.borne > named_borne + TIE
@@ -150,7 +149,7 @@ class Describer:
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
         stuck = any(step.suspect.on_bound for step in explained.steps)
-        if not beside and (instead := self._instead(layout, explained, named, borne)):
+        if not beside and (instead := (self._instead if stuck else self._fewer)(layout, explained, borne)):
             return Description(instead, replaces=True)
         # Of the effects of a short list none pays for having been searched; a formula does.
         least = named - (FORMULA_EVIDENCE if stuck else TIE)
@@ -162,34 +161,37 @@ class Describer:
         names = tuple(step.name for step in explained.steps)
         return Description(self._answer(explained.layout, beside, borne, names))
 
-    def _instead(
-        self, layout: Layout, explained: Explanation, named: float, borne: Borne
-    ) -> tuple[DescribedFormula, ...]:
-        """Formulas beside those of the effects that are determined, where they explain as much as those on their bounds
-        do; else beside the first of them, where they explain more than all effects together, of evidence `named`.
-        """
-        steps, point = explained.steps, explained.last.point
-        free = tuple(step for step in steps if not step.suspect.on_bound)
-        stuck = max((step.suspect.evidence for step in steps if step.suspect.on_bound), default=None)
-        for some in (steps[:count] for count in range(1, len(steps))) if stuck is None else (free,) if free else ():
-            others = with_found(layout, some)
-            others = others.settled(self.lattice.way(point), len(others.theta))
-            if stuck is None:
-                own = self._surface(others, point)
-                gain = explained.first.minus2logl - own.height(own.descend(point))
-                least = named + TIE - self._named(layout, others, gain, borne)[0]
-            else:
-                least = stuck - FORMULA_EVIDENCE
-            ranked = self._ranked(others, self._search(others), borne)
-            if ranked and ranked[0].total > least:
-                return self._answer(others, ranked, borne, tuple(step.name for step in some))
-        return ()
+    def _instead(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[DescribedFormula, ...]:
+        """Formulas beside the effects that are determined, where they explain as much as those on their bounds do."""
+        steps = [step for step in explained.steps if not step.suspect.on_bound]
+        if not steps:
+            return ()
+        least = max(step.suspect.evidence for step in explained.steps if step.suspect.on_bound) - FORMULA_EVIDENCE
+        others = with_found(layout, steps)
+        ranked = self._ranked(others, self._search(others), borne)
+        if not ranked or ranked[0].total <= least:
+            return ()
+        return self._answer(others, ranked, borne, tuple(step.name for step in steps))
 
-    def _surface(self, layout: Layout, point: Point) -> Surface:
-        """-2 ln L of a layout over the noise, this point visited."""
-        surface = Surface.of(layout.problem.records(), self.lattice, restricted=True)
-        surface.visit([point])
-        return surface
+    def _fewer(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[DescribedFormula, ...]:
+        """Formulas beside the first of several effects, where all of them leave more than the noise on the check runs,
+        and these prove one against the rest of them: that stood for what no effect is.
+        """
+        steps, found = explained.steps, explained.layout
+        if not self.check or len(steps) < 2:
+            return ()
+        left = unseen(found.rows, found.theta, self.check).left
+        if left.by != "check" or not left.rms_dph > EXPLAINED_RATIO * self.floor_dph:
+            return ()
+        way = self.lattice.way(explained.last.point)
+        for count in range(1, len(steps)):
+            others = with_found(layout, steps[:count])
+            others = others.settled(way, len(others.theta))
+            ranked = self._ranked(others, self._search(others), borne)
+            least = sum(step.suspect.evidence for step in steps[count:])
+            if ranked and ranked[0].total > least and prove(left, ranked[0].scored.left).falls:
+                return self._answer(others, ranked, borne, tuple(step.name for step in steps[:count]))
+        return ()
 
     def _search(
         self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None
@@ -248,7 +250,9 @@ class Describer:
     def _left(self, layout: Layout, last: _Ranked) -> tuple[Point, bool]:
         """The noise beside a formula, and whether probes, or the error on check runs, say that more is missing."""
         problem = last.after.problem
-        point = self._surface(last.after, last.one.point).descend(last.one.point)
+        surface = Surface.of(problem.records(), self.lattice, restricted=True)
+        surface.visit([last.one.point])
+        point = surface.descend(last.one.point)
         if last.scored.left.by == "check" and last.scored.left.rms_dph > EXPLAINED_RATIO * self.floor_dph:
             return point, True
         return point, bool(examine(problem, layout.probes(), self.lattice, point).alarms)
@@ -264,12 +268,13 @@ class Describer:
         sigma2 = float(left @ left) / (len(left) - basis.shape[1])
         return bool(float(further @ left) ** 2 > TIE * size * sigma2)
 
-    def _named(self, layout: Layout, named: Layout, gain: float, borne: Borne) -> tuple[float, float]:
-        """Evidence of effects together, of this `gain` in 2 ln L, beside the model alone; and the check runs' part."""
-        more = named.problem.base.shape[1] - layout.problem.base.shape[1]
-        before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, named))
+    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[float, float]:
+        """Evidence of all effects found together, beside the model alone; and the part of it that check runs have."""
+        more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
+        before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, explained.layout))
         own = borne.gain(before, after)
-        return float(gain + own - more * np.log(len(layout.problem.y))), own
+        gain = explained.first.minus2logl - explained.last.minus2logl + own
+        return float(gain - more * np.log(len(layout.problem.y))), own
 
     def _listed(
         self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()
