@@ -149,8 +149,10 @@ class Describer:
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
         stuck = any(step.suspect.on_bound for step in explained.steps)
-        if not beside and (instead := (self._instead if stuck else self._fewer)(layout, explained, borne)):
+        if stuck and not beside and (instead := self._instead(layout, explained, borne)):
             return Description(instead, replaces=True)
+        if not stuck and (fewer := self._fewer(layout, explained, beside, borne)):
+            return Description(fewer, replaces=True)
         # Of the effects of a short list none pays for having been searched; a formula does.
         least = named - (FORMULA_EVIDENCE if stuck else TIE)
         if not beside and plain and plain[0].total > least:
@@ -173,14 +175,16 @@ class Describer:
             return ()
         return self._answer(others, ranked, borne, tuple(step.name for step in steps))
 
-    def _fewer(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[DescribedFormula, ...]:
-        """Formulas beside the first of several effects, where all of them leave more than the noise on the check runs,
-        and these prove one against the rest of them: that stood for what no effect is.
+    def _fewer(
+        self, layout: Layout, explained: Explanation, beside: Sequence[_Ranked], borne: Borne
+    ) -> tuple[DescribedFormula, ...]:
+        """Formulas beside the first of several effects, where all of them, with what fits `beside` them, leave more
+        than the noise on the check runs, and these prove one against the rest: that stood for what no effect is.
         """
         steps, found = explained.steps, explained.layout
         if not self.check or len(steps) < 2:
             return ()
-        left = unseen(found.rows, found.theta, self.check).left
+        left = beside[0].scored.left if beside else unseen(found.rows, found.theta, self.check).left
         if left.by != "check" or not left.rms_dph > EXPLAINED_RATIO * self.floor_dph:
             return ()
         way = self.lattice.way(explained.last.point)
