@@ -74,7 +74,7 @@ def test_a_thermometer_that_failed_for_some_rows_is_no_other_unit(tmp_path):
 def test_gaps_in_time_are_counted_and_stay_gaps(tmp_path):
     body = "".join(f"{t},{t % 3},{20 + t / 10}\n" for t in [*range(50), *range(500, 550)])
     plan = imported(write(tmp_path, "time,rate,temperature\n" + body))
-    assert plan.warnings[0].startswith("1 gaps in time, together 451 s, the first before line 52")
+    assert plan.warnings[0].startswith("gaps in time: 1, together 451 s, the first before line 52")
     assert plan.time.size == 100
 
 

@@ -150,7 +150,7 @@ def time_gaps(time: FloatArray, table: Table) -> list[str]:
         return []
     line = table.line(int(gaps[0]) + 1)
     where = "" if line is None else f", the first before line {line}"
-    return [f"{gaps.size} gaps in time, together {float(steps[gaps].sum()):.4g} s{where}; they stay gaps"]
+    return [f"gaps in time: {gaps.size}, together {float(steps[gaps].sum()):.4g} s{where}; they stay gaps"]
 
 
 def _of_rate(name: str, values: FloatArray, given: str) -> Iterator[str]:
