@@ -69,7 +69,10 @@ def curve(temperature):
 @pytest.mark.slow
 def test_a_strong_lag_is_named_in_a_run_with_gaps():
     """It was refined coarsely, as its grid promised less than another shape of it, which needed two further effects."""
-    late = lambda temperature: curve(lagging(temperature, 200.0))  # noqa: E731
+
+    def late(temperature):
+        return curve(lagging(temperature, 200.0))
+
     run = log(TWO_RATES, 1, late, gaps=[(3000.0, 4500.0), (12_000.0, 12_900.0)])
     answer = diagnose([run], SPLINE, check=[log(LOOPS, 2, late)], static=log(STILL, 3, late))
     assert (answer.verdict, [one.effect for one in answer.found]) == ("missing_effect", ["thermal_lag"])

@@ -13,7 +13,7 @@ from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
-from bench.analysis.diagnosis.held_out import Unseen, unseen
+from bench.analysis.diagnosis.held_out import Unseen, settled, unseen
 from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import Proof, prove
 from bench.analysis.diagnosis.ranges import UNCATALOGUED
@@ -213,7 +213,7 @@ class Describer:
         if not found:
             return []
         ranked, count = list[_Ranked](), len(layout.theta) if count is None else count
-        before = unseen(layout.rows, layout.settled(self.lattice.way(found[0].point), count).theta, self.check)
+        before = settled(layout, self.lattice.way(found[0].point), self.check, count=count)
         for one in found:
             if not one.sized or (not self.check and one.evidence <= FORMULA_EVIDENCE):
                 continue
@@ -352,7 +352,7 @@ class Describer:
         if len(terms) > 1:
             after = layout.adding(effect, theta).settled(way, count)
             scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
-        before = unseen(layout.rows, layout.settled(way, count).theta, self.check, like=scored.left)
+        before = settled(layout, way, self.check, scored.left)
         return DescribedFormula(
             formula=text,
             expression=entry_text(effect),

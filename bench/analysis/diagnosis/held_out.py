@@ -13,6 +13,7 @@ from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.solve import Solution, left_out_rms, solve
+from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
@@ -68,6 +69,17 @@ def unseen(
     visited = [r[m] for r, m in zip((x.channel("temperature") for x in rows.records), rows.masks, strict=True)]
     proof = visited_again(np.concatenate(visited), check, left, weights)
     return Unseen(_rms(left, weights), proof.rms_dph, residuals, above, apart_dph, *_of_check(left, proof), left=proof)
+
+
+def settled(
+    layout: Layout, way: Whitener, check: Sequence[Dataset], like: LeftOut | None = None, count: int | None = None
+) -> Unseen:
+    """The model of a layout with its first `count` parameters, or all, moved to where they fit, scored as by `unseen`.
+
+    This is what a layout with more is to be compared with: there these parameters have moved, too.
+    """
+    moved = layout.settled(way, len(layout.theta) if count is None else count)
+    return unseen(moved.rows, moved.theta, check, like=like)
 
 
 def with_suspect(

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.evidence import Evidence, Suspect
-from bench.analysis.diagnosis.held_out import removed, unseen, with_suspect
+from bench.analysis.diagnosis.held_out import removed, settled, with_suspect
 from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.diagnosis.verdict import Explanation
@@ -51,8 +51,7 @@ class Ranking:
         effect = self.offer.effects[suspect.name]
         after = layout.adding(effect, suspect.theta)
         scored = with_suspect(layout, effect, suspect, self.check)
-        settled = layout.settled(suspect.way, len(layout.theta))
-        before = unseen(settled.rows, settled.theta, self.check, like=scored.left)
+        before = settled(layout, suspect.way, self.check, scored.left)
         proof = prove(before.left, scored.left)
         alike, values = alike or self._look_alikes(evidence, suspect), _values(layout, effect, suspect)
         if found:

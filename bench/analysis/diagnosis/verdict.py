@@ -15,7 +15,7 @@ import numpy as np
 from bench.analysis.diagnosis.answer import VerdictWord
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
-from bench.analysis.diagnosis.held_out import unseen, with_suspect
+from bench.analysis.diagnosis.held_out import settled, unseen, with_suspect
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
 from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
@@ -199,8 +199,7 @@ class Search:
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
         """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
         borne = Borne(self.check, layout.problem.statics, point)
-        settled = layout.settled(self.lattice.way(point), len(layout.theta))  # as beside each leader
-        before = unseen(settled.rows, settled.theta, self.check).left
+        before = settled(layout, self.lattice.way(point), self.check).left
         total = []
         for leader in leaders:
             after = with_suspect(layout, self.offer.effects[leader.name], leader, self.check).left

@@ -30,7 +30,7 @@ from bench.analysis.effects.operators import (
     slew,
     slope,
     uneven_lag,
-)  # fmt: skip
+)
 from bench.base import CHANNELS, RATES, FloatArray, InputError, closest
 from bench.record import STILL_DEGC_PER_MIN, Dataset
 

@@ -165,14 +165,14 @@ def _slew(time_s: FloatArray, value: FloatArray, per_s: float) -> FloatArray:
 def _uneven_lag(time_s: FloatArray, value: FloatArray, rise_s: float, fall_s: float) -> FloatArray:
     lagged, ahead = value.copy(), 0.0  # ahead = x - u obeys ahead' = -ahead / tau - slope
     steps = np.diff(time_s)
-    for row, (step, slope_) in enumerate(zip(steps.tolist(), (np.diff(value) / steps).tolist(), strict=True), 1):
-        above = ahead > 0.0 or (ahead == 0.0 and slope_ < 0.0)
+    for row, (step, steep) in enumerate(zip(steps.tolist(), (np.diff(value) / steps).tolist(), strict=True), 1):
+        above = ahead > 0.0 or (ahead == 0.0 and steep < 0.0)
         tau = fall_s if above else rise_s
-        end = (ahead + slope_ * tau) * exp(-step / tau) - slope_ * tau
+        end = (ahead + steep * tau) * exp(-step / tau) - steep * tau
         if ahead * end < 0.0:  # it meets the record on the way, and goes on with the other time constant
-            rest = step - tau * log1p(ahead / (slope_ * tau))
+            rest = step - tau * log1p(ahead / (steep * tau))
             tau = rise_s if above else fall_s
-            end = slope_ * tau * expm1(-rest / tau)
+            end = steep * tau * expm1(-rest / tau)
         ahead = end
         lagged[row] += ahead
     return lagged
