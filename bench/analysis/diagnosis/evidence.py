@@ -36,6 +36,7 @@ _BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 20
+_LUCKY = 60.0  # of -2 ln L above the least: no simulated null and candidate is best at a noise point that is higher
 _TAIL = 0.1  # of simulated nulls, for what a smaller share exceeds
 _USUAL = 3.0  # evidence that a name needs however little chance reaches
 _SLOW = 0.03
@@ -185,10 +186,11 @@ def weigh(  # noqa: PLR0913 - options of one search
     workers.
     """
     lattice = lattice or NoiseLattice(problem.records(), problem.interval_s)
-    surface = Surface.of(problem.records(), lattice, restricted=True)
+    refiner = Refiner(problem, lattice)
+    surface = refiner.alone
     columns = Aside(lambda: Library(problem, candidates), workers)
     best = surface.search()
-    weighing = _Weighing(candidates, columns.answer(), surface, best, workers)
+    weighing = _Weighing(candidates, columns.answer(), refiner, surface, best, workers)
     suspects = weighing.suspects()
     doubt = 0.0 < max((s.evidence for s in suspects), default=0.0) < _BEYOND_DOUBT
     top = max((s for s in suspects if s.excited), key=lambda s: s.evidence, default=None)
@@ -238,18 +240,14 @@ class _Reached(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Weighing:
-    """What the steps of `weigh` share; `best` is the noise point of the base."""
+    """What the steps of `weigh` share; `best` is the noise point of the base, whose likelihood is `surface`."""
 
     candidates: Sequence[Candidate]
     library: Library
+    refiner: Refiner
     surface: Surface
     best: Point
     workers: int
-
-    @cached_property
-    def refiner(self) -> Refiner:
-        """One for all candidates: it keeps what a noise point needs."""
-        return Refiner(self.library.problem, self.surface.lattice)
 
     def suspects(self) -> list[Suspect]:
         """Every candidate refined, the most promising first; one that cannot come near the best is refined coarsely."""
@@ -315,8 +313,10 @@ class _Weighing:
             lowest = surface.descend(top.point)
         region = surface.region(lowest, _NULL_REACH, step=_DECADE // 2)
         near = sorted(region, key=surface.height)[:_NULL_POINTS]
-        # Less noise than the base has, as far as a candidate may get.
+        # Less noise than the base has, as far as a candidate may get by chance.
         less = [point for point in _points_for_candidates(self.best) if point not in near]
+        surface.visit(less)
+        less = [point for point in less if surface.height(point) < surface.height(lowest) + _LUCKY]
         mean = problem.base @ gls(problem.base, problem.y, lattice.way(self.best)).beta
         run, *statics = drawn(surface, near, np.random.default_rng(seed), runs)
         scan = self.library.scan(lattice, [*near, *less], mean[:, None] + run, statics, self.workers)

@@ -26,7 +26,7 @@ from bench.analysis.diagnosis.scan import Library, Scan
 from bench.analysis.diagnosis.spectral_line import rows_of
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.expression import Expression
-from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface, gls
+from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
 from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
 from bench.base import FloatArray, InputError, shared
 
@@ -67,10 +67,10 @@ class FormulaSearch:
         self._layout, self._lattice, self._seed, self._workers = layout, lattice, seed, workers
         self.grammar = Grammar(layout.seen, layout.rows.masks)
         self._values: dict[tuple[str, Theta], FloatArray] = {}
-        self._surface = Surface.of(layout.problem.records(), lattice, restricted=True)
+        self._refiner = Refiner(layout.problem, lattice)
+        self._surface = self._refiner.alone
         self._best = self._surface.search() if best is None else best
         self._surface.visit([self._best])
-        self._refiner = Refiner(layout.problem, lattice)
 
     def search(self, least: float = 0.0) -> tuple[FoundFormula, ...]:
         """Formulas that pay for what they estimate and for what was tried, best first; see `FORMULA_EVIDENCE`.

@@ -29,6 +29,7 @@ _STARTS = 4
 _DIFFERENCE = 2e-3  # of a parameter's range, for slopes
 _MOVED = 0.5  # of -2 ln L: a search that gains more has seen where to go
 _LEAST = 0.1  # of -2 ln L, for which one goes on
+_NEAR = 0.25  # of a step of the grid: range searched first where the parameter was searched before
 _CORNER = 0.02  # of a parameter's range: size of the first simplex
 
 
@@ -66,6 +67,11 @@ class Whitened(NamedTuple):
     log_det: float
     freedom: int
 
+    def height(self, rest: FloatArray, volume: float) -> tuple[float, float]:
+        """-2 ln L and sigma^2 of a whitened rest (n,) beside columns of a volume ln |X' C^-1 X|."""
+        sigma2 = max((float(rest @ rest) + self.still) / self.freedom, 1e-300)
+        return self.freedom * float(np.log(sigma2)) + self.log_det + volume, sigma2
+
 
 class Seen(NamedTuple):
     """Base and candidate at one noise: -2 ln L, sigma^2, the whitened rest (n,) and the part ln |X' C^-1 X| of it."""
@@ -95,6 +101,16 @@ class Refiner:
         """White variance of one mean that goes with `height` [(deg/h)^2]."""
         return self._measured(candidate, theta, point)[1]
 
+    @property
+    def alone(self) -> Surface:
+        """The same of the base without a candidate over the noise."""
+
+        def measure(point: Point) -> tuple[float, float]:
+            at = self.at(point)
+            return at.height(at.residual, at.volume)
+
+        return Surface(self.lattice, measure)
+
     def surface(self, candidate: Candidate, theta: Theta) -> Surface:
         """`height` and `sigma2` over the noise, the parameters fixed."""
         own = candidate.columns(theta)
@@ -114,8 +130,7 @@ class Refiner:
         for mine, columns in zip(own, white, strict=True):
             rest, volume, kept = self._left(candidate, columns, at)
             volume += (at if candidate.kind == "term" else self._flat).volume - self._flat_volume(candidate, mine, kept)
-            sigma2 = max((float(rest @ rest) + at.still) / at.freedom, 1e-300)
-            found.append(Seen(at.freedom * float(np.log(sigma2)) + at.log_det + volume, sigma2, rest, volume))
+            found.append(Seen(*at.height(rest, volume), rest, volume))
         return found
 
     def _flat_volume(self, candidate: Candidate, own: FloatArray, kept: BoolArray) -> float:
@@ -172,10 +187,11 @@ class Refiner:
         if candidate.parameters:
             starts = [self._search(candidate, start, roughly=len(starts) > 1) for start in starts]
         best = min(starts, key=lambda start: start.height)
-        for steps in (STEPS, STEPS[-1:])[: (2 if candidate.parameters else 1) if closely else 0]:
-            best = self._denoise(candidate, best, base, steps)  # the second time the noise hardly moves
-            if candidate.parameters:
-                best = self._search(candidate, best)
+        for steps in (STEPS, STEPS[-1:]) if closely else ():
+            before, best = best.point, self._denoise(candidate, best, base, steps)
+            if not candidate.parameters or (steps is not STEPS and best.point == before):
+                break
+            best = self._search(candidate, best, within=_NEAR)
         return best.theta, best.point, best.height
 
     def _denoise(self, candidate: Candidate, start: Start, base: Point, steps: Sequence[int]) -> Start:
@@ -185,16 +201,16 @@ class Refiner:
         point = surface.descend(min((start.point, base), key=surface.height), steps=steps)
         return Start(start.theta, point, surface.height(point))
 
-    def _search(self, candidate: Candidate, start: Start, roughly: bool = False) -> Start:
-        """Parameters improved at fixed noise: one downhill by grid steps, several by Gauss-Newton.
+    def _search(self, candidate: Candidate, start: Start, roughly: bool = False, within: float = 1.0) -> Start:
+        """Parameters improved at fixed noise: one downhill by grid steps, or a share of them, several by Gauss-Newton.
 
         Roughly: only so far that the best of several starts is known.
         """
         at = _unit(candidate, start.theta)
         if len(at) == 1:
-            step = 1.0 / max(1, len(candidate.grid()) - 1)
-            function = self._of_unit(candidate, start.point)
-            unit, height = _downhill(lambda u: function(np.array([u])), float(at[0]), step)
+            step, function = 1.0 / max(1, len(candidate.grid()) - 1), self._of_unit(candidate, start.point)
+            accuracy = step / (20.0 if roughly else 200.0)
+            unit, height = _downhill(lambda u: function(np.array([u])), float(at[0]), within * step, accuracy)
             return Start(_theta(candidate, unit), start.point, height) if height < start.height else start
         found = self._newton(candidate, start, roughly)
         if not candidate.change_point or start.height - found.height > _MOVED:
@@ -262,13 +278,13 @@ class Refiner:
         return fit.covariance[: columns.shape[1], : columns.shape[1]]
 
 
-def _downhill(function: Callable[[float], float], at: float, step: float) -> tuple[FloatArray, float]:
+def _downhill(function: Callable[[float], float], at: float, step: float, accuracy: float) -> tuple[FloatArray, float]:
     """The minimum between 0 and 1 within a step of the start, or as many steps further as it lies on the edge."""
     height = np.inf
     while True:
         low, high = max(0.0, at - step), min(1.0, at + step)
         least = scipy.optimize.minimize_scalar(
-            function, bounds=(low, high), method="bounded", options={"xatol": step / 200.0, "maxiter": 18}
+            function, bounds=(low, high), method="bounded", options={"xatol": accuracy, "maxiter": 18}
         )
         if least.fun >= height:
             return np.array([at]), height

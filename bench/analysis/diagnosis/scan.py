@@ -23,6 +23,7 @@ DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
 _SINGLE: np.dtype[Any] = np.dtype(np.float32)
+_ROUNDED = 1e-6  # of a square sum: what is left in single precision is not known better
 _COLUMNS = 256  # at once, at least: many more do not fit the cache
 
 _ADDS, _SHIFTS, _REPLACES = "adds", "shifts", "replaces"
@@ -83,10 +84,14 @@ class Library:
             self._stack(use, width, own, basis)
 
     def _stack(self, use: str, width: int, parts: Sequence[tuple[IntArray, FloatArray]], basis: FloatArray) -> None:
-        """Keep entries and their columns (n, k) in one; of single columns that are added what is beside the base."""
+        """Keep entries and their columns (n, k) in one; of columns that are added alone, and shifts, what is beside the
+        base.
+        """
         which, columns = np.concatenate([each for each, _ in parts]), np.hstack([own for _, own in parts])
         if (use, width) == _SINGLES:
             self._shares[which], columns = _beside(basis, columns)
+        elif use == _SHIFTS:
+            columns = outside(basis, columns).astype(_SINGLE)
         self._stacks.append((which, use, width, columns))
 
     def paid(self, candidates: Sequence[Candidate]) -> FloatArray:
@@ -157,28 +162,29 @@ class Library:
         residual = outside(q, white)
         volumes = np.zeros(len(self.entries))
         rss0 = np.einsum("ij,ij->j", residual, residual)
-        power = np.einsum("ij,ij->j", white, white)
         rss = np.empty((len(self.entries), run.shape[1]))
         few = q.T.astype(_SINGLE), residual.astype(_SINGLE)
         for which, use, width, stacked in self._stacks:
             columns = way.apply(stacked)
             if (use, width) == _SINGLES:
                 excited[which] = self._shares[which]
-                gain, volumes[which] = _single(columns, *few)
-                rss[which] = np.maximum(rss0 - gain, 1e-300)
+                power, product = _single(columns, *few)
+                gain = product**2 / np.where(power > 0.0, power, np.inf)[:, None]
+                volumes[which] = np.log(power, where=power > 0.0, out=np.zeros_like(power))
+                rss[which] = np.maximum(rss0 - gain, _ROUNDED * rss0)
+                continue
+            if use == _SHIFTS:
+                power, product = _single(columns, *few)
+                rss[which] = np.maximum(rss0 - 2.0 * product + power[:, None], _ROUNDED * rss0)
+                excited[which] = 1.0
                 continue
             if use == _REPLACES:
                 gain, volumes[which] = _explained(columns, width, white)
-                rss[which] = np.maximum(power - gain, 0.0)
+                rss[which] = np.maximum(np.einsum("ij,ij->j", white, white) - gain, 0.0)
                 excited[which] = 1.0
                 continue
             before = np.einsum("ij,ij->j", columns, columns)
             columns = outside(q, columns)
-            if use == _SHIFTS:
-                own = np.einsum("ij,ij->j", columns, columns)
-                rss[which] = np.maximum(rss0 - 2.0 * (columns.T @ residual) + own[:, None], 1e-300)
-                excited[which] = 1.0
-                continue
             share = np.einsum("ij,ij->j", columns, columns) / np.maximum(before, 1e-300)
             columns[:, share < DEPENDENT] = 0.0
             excited[which] = np.maximum(excited[which], share.reshape(-1, width).max(axis=1))
@@ -223,13 +229,10 @@ def _beside(basis: FloatArray, columns: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _single(columns: FloatArray, basis: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Square sum that each column explains beside a basis (r, n) of what it leaves (n, m), and ln of its own there."""
+    """Square sum (k,) of what a basis (r, n) leaves of each column, and its product with what it leaves (n, m)."""
     inside = basis @ columns
-    norm = np.einsum("ij,ij->j", columns, columns) - np.einsum("ij,ij->j", inside, inside)
-    norm = np.maximum(norm, 0.0).astype(np.float64)
-    product = (columns.T @ residual).astype(np.float64)
-    volume = np.log(norm, where=norm > 0.0, out=np.zeros_like(norm))
-    return np.asarray(product**2 / np.where(norm > 0.0, norm, np.inf)[:, None]), volume
+    power = np.einsum("ij,ij->j", columns, columns) - np.einsum("ij,ij->j", inside, inside)
+    return np.maximum(power, 0.0).astype(np.float64), (columns.T @ residual).astype(np.float64)
 
 
 def _left(basis: FloatArray, response: FloatArray) -> FloatArray:

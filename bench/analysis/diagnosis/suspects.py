@@ -185,6 +185,11 @@ class Layout:
         """The fitted curve (n,) [deg/h] at the temperatures of these records, which all terms see."""
         return self.stacked([self._fitted.columns(record) @ self._beta for record in seen])
 
+    @cached_property
+    def unmoved(self) -> FloatArray:
+        """The same where the model's terms see it."""
+        return self.curve(self.seen)
+
     @property
     def steepness(self) -> FloatArray:
         """Slope of the fitted curve over temperature (n,) [deg/h/degC]."""
@@ -370,4 +375,4 @@ class _Moved:
         """What the moved temperature changes in the fitted curve (n, 1)."""
         named = dict(zip([p.name for p in self._effect.parameters], theta, strict=True))
         moved = [r.with_channel("temperature", self._effect.abscissa(r, named)) for r in self._layout.seen]
-        return (self._layout.curve(moved) - self._layout.curve(self._layout.seen))[:, None]
+        return (self._layout.curve(moved) - self._layout.unmoved)[:, None]

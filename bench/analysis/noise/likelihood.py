@@ -15,6 +15,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from bench.analysis.noise.whitening import Ratios, Recursion, Whitener
 from bench.base import FloatArray
@@ -22,7 +23,7 @@ from bench.base import FloatArray
 _PER_DECADE = 16
 _LOWEST, _HIGHEST = -3 * _PER_DECADE, 3 * _PER_DECADE
 _ZERO = _LOWEST - _PER_DECADE  # lattice index that stands for a ratio of exactly zero
-_PLAIN = 1e-7  # ratio of eigenvalues of the normal equations from which on they are solved as they stand
+_PLAIN = 1e-7  # part of a column's square beside those before it from which on the normal equations are solved
 _MOST_KEPT = 1000  # whiteners to an axis, half a megabyte each for a thousand rows; one diagnosis needs some 500
 Point = tuple[int, int]
 STEPS = (8, 4, 2)
@@ -174,11 +175,13 @@ class Surface:
             self.known[point] = self.measure(point)
 
     def descend(self, start: Point, steps: Sequence[int] = STEPS) -> Point:
-        """The lowest point reached from a start with ever finer steps."""
+        """The lowest point reached from a start with ever finer steps; only the finest are tried aslant, too."""
         best = start
         for step in steps:
             while True:
                 around = NoiseLattice.around(best, step)
+                if step != steps[-1]:
+                    around = [point for point in around if point[0] == best[0] or point[1] == best[1]]
                 self.visit(around)
                 lowest = min(around, key=self.height)
                 if self.height(lowest) >= self.height(best):
@@ -221,11 +224,11 @@ def spanned(white: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
     longer = float(np.log(norm[kept] / scale[kept]).sum())
     if scaled.shape[1] == 1:
         return scaled, 2.0 * longer
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    if values[0] > values[-1] * _PLAIN:  # twice through the normal equations: orthonormal to rounding
-        first = scaled @ (vectors / np.sqrt(values))
-        again, turned = np.linalg.eigh(first.T @ first)
-        return first @ (turned / np.sqrt(again)), float(np.log(values).sum() + np.log(again).sum()) + 2.0 * longer
+    if (once := coordinates(scaled)) is not None:  # twice through the normal equations: orthonormal to rounding
+        first = scaled @ once.T
+        if (twice := coordinates(first)) is not None:
+            shorter = float(np.log(np.diagonal(once) * np.diagonal(twice)).sum())
+            return first @ twice.T, 2.0 * (longer - shorter)
     u, s, _ = np.linalg.svd(scaled, full_matrices=False)
     rank = int(np.sum(s > s[0] * 1e-10))
     return u[:, :rank], 2.0 * (float(np.log(s[:rank]).sum()) + longer)
@@ -244,7 +247,7 @@ def coordinates(white: FloatArray) -> FloatArray | None:
         lower = np.linalg.cholesky(gram / (norm * norm[:, None]))
     except np.linalg.LinAlgError:
         return None
-    inverse: FloatArray = np.linalg.inv(lower) / norm
+    inverse: FloatArray = dtrtri(lower.T)[0].T / norm
     return inverse if float(np.diagonal(lower).min(initial=1.0)) ** 2 > _PLAIN else None
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+from scipy.linalg.lapack import dtbtrs, dtrtri
 
 from bench.base import FloatArray
 
@@ -203,7 +203,8 @@ class Recursion:
         rows = np.arange(_BLOCK)
         self._flicker[:, rows, rows] = shape.diagonal * present
         self._walk[:, rows, rows] -= interval_s / 3600.0 / 6.0 * present
-        self._diagonal = np.pad(self._white, padding, constant_values=1.0).reshape(-1, _BLOCK)
+        self._diagonal = np.zeros(lag_s.shape)
+        self._diagonal[:, rows, rows] = np.pad(self._white, padding, constant_values=1.0).reshape(-1, _BLOCK)
         rate = np.append(1.0 / shape.tau_s, 0.0)  # a walk does not fade
         self._seen = np.exp(-(time - entry_s[:, None])[:, :, None] * rate) * present[:, :, None]
         self._fade = np.exp(-(end_s - entry_s)[:, None] * rate)
@@ -213,26 +214,29 @@ class Recursion:
 
     def whiteners(self, ratios: Sequence[Ratios]) -> list[Whitener]:
         """One for each of the ratios."""
-        flicker = np.array([r.flicker for r in ratios])[:, None, None]
-        walk = np.array([r.walk for r in ratios])[:, None, None]
+        flicker = np.array([r.flicker for r in ratios])[:, None, None, None]
+        walk = np.array([r.walk for r in ratios])[:, None, None, None]
         blocks, states, _ = self._pushed.shape
+        own = flicker * self._flicker
+        own += walk * self._walk
+        own += self._diagonal
+        pushed = np.concatenate([np.repeat(flicker, states - 1, axis=2), walk], axis=2) * self._pushed
         carried = np.zeros((len(ratios), states, states))  # covariance of the states that the rows so far explain
+        told = np.empty_like(pushed)
         transfer = np.empty((len(ratios), blocks, states + _BLOCK, states + _BLOCK))
-        log_det = np.zeros(len(ratios))
-        scale = np.concatenate([np.repeat(flicker, states - 1, axis=1), walk], axis=1)
+        inverse = transfer[:, :, states:, states:]
         for block in range(blocks):
-            seen, fade, own = self._seen[block], self._fade[block], transfer[:, block]
+            seen, fade = self._seen[block], self._fade[block]
             known = seen @ carried
-            left = flicker * self._flicker[block] + walk * self._walk[block] - known @ seen.T
-            left[:, range(_BLOCK), range(_BLOCK)] += self._diagonal[block]
-            lower = np.linalg.cholesky(left)
-            log_det += 2.0 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)
-            inverse = np.tril(np.linalg.inv(lower))
-            told = (scale * self._pushed[block] - fade[:, None] * known.transpose(0, 2, 1)) @ inverse.transpose(0, 2, 1)
-            carried = fade[:, None] * carried * fade + told @ told.transpose(0, 2, 1)
-            own[:, states:, states:] = inverse
-            own[:, states:, :states] = -(inverse @ seen)
-            own[:, :states, states:] = told @ inverse
-            own[:, :states, :states] = np.diag(fade) + told @ own[:, states:, :states]
+            lower = np.linalg.cholesky(own[:, block] - known @ seen.T)
+            # A tenth of the work of a full inverse.
+            inverse[:, block] = inverted = np.array([dtrtri(one.T)[0].T for one in lower])
+            told[:, block] = each = (pushed[:, block] - fade[:, None] * known.mT) @ inverted.mT
+            carried = fade[:, None] * carried * fade + each @ each.mT
+        transfer[:, :, states:, :states] = -(inverse @ self._seen)
+        transfer[:, :, :states, states:] = told @ inverse
+        transfer[:, :, :states, :states] = told @ transfer[:, :, states:, :states]
+        transfer[:, :, range(states), range(states)] += self._fade
+        log_det = -2.0 * np.log(np.diagonal(inverse, axis1=2, axis2=3)).sum(axis=(1, 2))
         made = zip(ratios, log_det.tolist(), transfer, strict=True)
         return [Whitener(r, d, self._rows, t, self._white if r == Ratios() else None) for r, d, t in made]
