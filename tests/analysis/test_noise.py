@@ -11,7 +11,7 @@ from bench.analysis.noise.allan import allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Noise, estimate_noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
-from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, gls
+from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface, beside, gls
 from bench.analysis.noise.lines import without_lines
 from bench.analysis.noise.whitening import Ratios, Whitener, covariance
 from bench.base.errors import InputError
@@ -286,3 +286,12 @@ def test_a_chamber_that_cycles_about_one_temperature_still_tells_the_floor(rng, 
     assert bool(floor.reason) is not told
     if told:
         assert floor.floor_dph == pytest.approx(0.0083 / np.sqrt(30.0 / 3600.0), rel=0.05)
+
+
+def test_no_columns_leave_the_whole_response(capfd: pytest.CaptureFixture[str]) -> None:
+    """Without a column there is nothing to project, and no library complains about a matrix of no rows."""
+    response = np.arange(4.0)
+    rest, volume = beside(np.empty((4, 0)), response)
+    assert rest.tolist() == response.tolist()
+    assert volume == 0.0
+    assert capfd.readouterr() == ("", "")

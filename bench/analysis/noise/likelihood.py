@@ -241,7 +241,7 @@ def coordinates(white: FloatArray) -> FloatArray | None:
     """
     gram = white.T @ white
     norm = np.sqrt(np.diagonal(gram))
-    if not np.all(norm > 0.0):
+    if not len(norm) or not np.all(norm > 0.0):
         return None
     try:
         lower = np.linalg.cholesky(gram / (norm * norm[:, None]))
