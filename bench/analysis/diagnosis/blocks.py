@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
+from itertools import accumulate, pairwise, product
 
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.base import Parameter
@@ -14,6 +15,8 @@ from bench.base import CHANNELS
 
 _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
 _WIDTHS = (0.0056, 0.012, 0.024, 0.048, 0.096, 0.2)  # of a play, over the range of what it follows
+
+_MEMORY, _OF = ", {tau_s})", "the memory of "
 
 Bounds = tuple[float, float]
 
@@ -90,6 +93,14 @@ class Block:
         return replace(self, text=f"({self.text})**2", words=f"the square of {self.words}",
                        unit=f"({self.unit})^2" if self.unit else "", looser=None, drives=False)  # fmt: skip
 
+    @property
+    def at_once(self) -> Block | None:
+        """What the block is the memory of."""
+        if not (self.text.startswith("lag(") and self.text.endswith(_MEMORY) and self.words.startswith(_OF)):
+            return None
+        return replace(self, text=self.text.removeprefix("lag(").removesuffix(_MEMORY), words=self.words[len(_OF) :],
+                       bounds=self.bounds[:-1], grid=tuple(dict.fromkeys(one[:-1] for one in self.grid)))  # fmt: skip
+
     def _with(self, name: str, ends: Bounds, tried: Sequence[float], text: str, words: str) -> Block:
         """One parameter more; what is made of it grows no further."""
         grid = tuple((*own, value) for own in self.grid for value in tried)
@@ -103,7 +114,7 @@ class Block:
 def lagged(text: str, words: str, unit: str, length_s: float, every: int = 1) -> Block:
     """The memory of something; `every` thins its grid."""
     bounds = (("tau_s", (20.0, max(length_s, 200.0))),)
-    return Block(f"lag({text}, {{tau_s}})", f"the memory of {words}", unit, bounds, lags(length_s, every))
+    return Block(f"lag({text}{_MEMORY}", f"{_OF}{words}", unit, bounds, lags(length_s, every))
 
 
 def lags(below_s: float, every: int) -> tuple[tuple[float, ...], ...]:
@@ -195,6 +206,46 @@ class Formula:
     def parameters(self) -> tuple[Parameter, ...]:
         """Its parameters as the engine searches them."""
         return tuple(bounded(name, *ends) for name, ends in self.bounds.items())
+
+    def at_once(self, theta: Theta) -> tuple[Formula, Theta] | None:
+        """The formula without the memories that are as short as is searched, and its parameters; None without any."""
+        blocks, values, end = list[Block](), list[float](), 0
+        for block in self.blocks:
+            first, end = end, end + len(block.bounds)
+            short = (
+                end > first and self.parameters[end - 1].on_bound(theta[end - 1]) and theta[end - 1] < 2 * _LAGS_S[0]
+            )
+            kept = (block.at_once if short else None) or block
+            blocks.append(kept)
+            values += theta[first : first + len(kept.bounds)]
+        shorter = replace(self, blocks=tuple(blocks))
+        return None if shorter.blocks == self.blocks else (shorter, tuple(values))
+
+    def shorter(self, theta: Theta) -> list[tuple[Formula, Theta]]:
+        """The formula without each of its blocks, and its parameters, where at least two remain."""
+        if len(self.blocks) < 3 or self.pair:
+            return []
+        ends = list(accumulate((len(block.bounds) for block in self.blocks), initial=0))
+        return [
+            (replace(self, blocks=(*self.blocks[:i], *self.blocks[i + 1 :])), (*theta[:first], *theta[end:]))
+            for i, (first, end) in enumerate(pairwise(ends))
+        ]
+
+    def one_way(self) -> list[Formula]:
+        """The formula of heating alone, and of cooling alone, where it is of both: runs that pass each temperature once
+        up and once down hardly tell them apart.
+        """
+        names = [block for block in self.blocks if re.search(r"(?<![(-])dT_dt|\blag\(dT_dt", block.text)]
+        found = []
+        for sign, words in (("", "heating"), ("-", "cooling")) if names and not self.along else ():
+            blocks = [
+                replace(block, text=block.text.replace("dT_dt", f"above({sign}dT_dt)"),
+                        words=block.words.replace("dT/dt", f"dT/dt of {words} alone"))
+                if block in names else block
+                for block in self.blocks
+            ]  # fmt: skip
+            found.append(replace(self, blocks=tuple(blocks)))
+        return found
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:

@@ -229,7 +229,7 @@ class Describer:
             if near is None:
                 leaders.append(each)
             elif each.one.formula != leaders[near].one.formula:
-                leaders[near] = _shorter(leaders[near], each)
+                leaders[near] = _simpler(leaders[near], each, layout)
         return _judged(leaders)
 
     def _answer(
@@ -375,13 +375,14 @@ class Describer:
         )
 
 
-def _shorter(first: _Ranked, other: _Ranked) -> _Ranked:
-    """The first of two that resemble each other, or the other where it is shorter and no evidence tells them apart.
+def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:
+    """The first of two that resemble each other, or the other where it is simpler and no evidence tells them apart.
 
-    A parameter on its bound is needless where little speaks for it.
+    A parameter on its bound is needless where little speaks for it, and so is a size that cancels a part of the model.
     """
-    least = first.total - (FORMULA_EVIDENCE if first.one.on_bound else TIE)
-    if other.total > least and len(other.one.theta) < len(first.one.theta):
+    cancels = _cancels(layout, first.one.contribution) and not _cancels(layout, other.one.contribution)
+    least = first.total - (FORMULA_EVIDENCE if first.one.on_bound or cancels else TIE)
+    if other.total > least and (cancels or len(other.one.theta) < len(first.one.theta)):
         return replace(other, alike=(*first.alike, first.one.text))
     return replace(first, alike=(*first.alike, other.one.text))
 
@@ -441,9 +442,14 @@ def _acts(temperature: FloatArray, contribution: FloatArray) -> tuple[float, flo
 def _caution(layout: Layout, parts: Sequence[FoundFormula], contribution: FloatArray) -> str:
     """Why the formula may not be what it looks like; empty where nothing speaks against it."""
     words = []
-    if float(np.ptp(contribution)) > _IMPLAUSIBLE * float(np.ptp(layout.problem.y)):
+    if _cancels(layout, contribution):
         words.append("its size is larger than the whole spread of the bias: it cancels a part of the model")
     gains = np.diff(parts[0].halves(), prepend=0.0)
     if gains.sum() > 0.0 and gains.min() < _ONE_PLACE * gains.sum():
         words.append("only one half of the run shows it: suspected until a second run repeats it")
     return "; ".join(words)
+
+
+def _cancels(layout: Layout, contribution: FloatArray) -> bool:
+    """Whether a term is larger than the whole spread of the bias."""
+    return float(np.ptp(contribution)) > _IMPLAUSIBLE * float(np.ptp(layout.problem.y))

@@ -31,12 +31,12 @@ from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
 from bench.base import FloatArray, InputError, shared
 
 _DECADE = 16
-_BEAM = 6  # leaders that are refined, and grown
+_BEAM = 12  # leaders that are refined, and grown
 _GROWN = 3  # leaders that grow
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
 _LOOKED_AT = 1000  # best entries of the grid
-_SHARING = 3  # leaders that may have the same block
+_SHARING = 6  # leaders that may have the same block
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
 _ABOUT = 400  # parameters tried about those of a formula that jumps,
@@ -101,13 +101,25 @@ class FormulaSearch:
             for index in dict.fromkeys(leaders)
         ]
         found = shared(tasks, self._workers)
+        for one in tuple(found):  # what a memory that is too short to tell stands for was crowded out by it
+            if plain := one.formula.at_once(one.theta):
+                found += self._longer(one, [(plain[0], (plain[1],))], self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_GROWN]:
-            found += self._grown(one, sizes[min(len(one.formula.blocks), len(sizes)) - 1])
+            found += self._grown(one, self._tried_of(one, sizes))
+        found.sort(key=lambda one: -one.evidence)
+        for one in found[:_BEAM]:
+            for half in one.formula.one_way():
+                found += self._longer(one, [(half, (one.theta,))], self._tried_of(one, sizes))
         # What chance reaches beyond the usual threshold is paid for, too.
         found.sort(key=lambda one: -one.evidence)
         chance = self._chance(library, points, paid) if found and found[0].evidence > least else 0.0
         return tuple(replace(one, evidence=one.evidence - max(0.0, chance - FORMULA_EVIDENCE)) for one in found)
+
+    @staticmethod
+    def _tried_of(one: FoundFormula, sizes: Sequence[int]) -> int:
+        """Formulas of its size that were tried, by the number of blocks."""
+        return sizes[min(len(one.formula.blocks), len(sizes)) - 1]
 
     def _price(self, count: int) -> float:
         return 2.0 * float(np.log(max(count, 1)))
@@ -248,7 +260,23 @@ class FormulaSearch:
                 break
             found += better
             one = better[0]
+            # What it began with may have stood for what it has become.
+            while pruned := [each for each in self._pruned(one, tried) if each.evidence > one.evidence]:
+                found += pruned
+                one = max(pruned, key=lambda each: each.evidence)
         return found
+
+    def _pruned(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
+        """The formula without each of its blocks, refined, if it has several."""
+        tasks = [
+            partial(self._refined, formula, candidate, self._starts(candidate, theta, one.point), self._price(tried))
+            for formula, theta in one.formula.shorter(one.theta)
+            for candidate in [self._candidate(formula)]
+        ]
+        return shared(tasks, self._workers)
+
+    def _starts(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[Start, ...]:
+        return (Start(theta, point, self._refiner.height(candidate, theta, point)),)
 
     def _longer(
         self, one: FoundFormula, longer: Sequence[tuple[Formula, tuple[Theta, ...]]], tried: int

@@ -26,6 +26,7 @@ _PLACES = 11  # of a window, over the range of the channel
 _ROOM_DEGC = 23.0  # to begin with
 _PERIODS = 48  # of a line over temperature
 _SLOPE = Block("dT_dt", "dT/dt", "degC/min")
+_ONE_WAY = Block("above(direction)", "heating alone", ""), Block("above(-direction)", "cooling alone", "")
 
 
 class Grammar:
@@ -120,6 +121,7 @@ class Grammar:
             Block("above(dT_dt)", "dT/dt of heating alone", "degC/min"),
             Block("above(-dT_dt)", "dT/dt of cooling alone", "degC/min"),
             Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
+            *_ONE_WAY,
             replace(lagged("dT_dt", "dT/dt", "degC/min", self.ranges.length_s), most=self.ranges.fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
             loop("temperature", self.ranges.temperature, "degC"),
@@ -303,10 +305,12 @@ class Grammar:
                   looser=Block("(lag(temperature, {tau_s}) - {centre})", "a temperature that lags, from a value",
                                "degC", (*inner, ("centre", (low - span, high + span))),
                                tuple((*one, c) for one in lagging for c in (low - 0.5 * span, low, high)))),
+            *(self._beyond("temperature", sign, words) for sign, words in (("+", "above"), ("-", "below"))),
             _SLOPE,
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("(1 + direction)", "heating", ""),
             Block("(1 - direction)", "cooling", ""),
+            *_ONE_WAY,
             Block("time", "time", "s"),
         ]  # fmt: skip
         blocks += map(self._gap, self.ranges.apart)

@@ -38,6 +38,7 @@ def states(ranges: Ranges) -> list[Block]:
         _uneven(ranges),
         _spreading(ranges),
         _turned(ranges, "temperature", "temperature"),
+        *_warmed(ranges),
         *_fading(ranges),
         *hops(ranges),
         _yielding(ranges),
@@ -178,6 +179,17 @@ def _turned(ranges: Ranges, name: str, called: str) -> Block:
     words = f"the memory of a step over the {called}"
     return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
                  drives=True)  # fmt: skip
+
+
+def _warmed(ranges: Ranges) -> list[Block]:
+    """What is driven above, or below, one temperature, and takes its time: softening, release, freezing."""
+    bounds = (("centre", ranges.temperature), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    tried = tuple((*one, *tau) for one in inner(*ranges.temperature, 11) for tau in lags(ranges.length_s / 2.0, 2))
+    return [
+        Block(f"lag(above({beyond}), {{tau_s}})", f"the memory of the temperature {words} a value", "degC", bounds,
+              tried, places=1, drives=True)
+        for beyond, words in (("temperature - {centre}", "above"), ("{centre} - temperature", "below"))
+    ]  # fmt: skip
 
 
 def _wound(ranges: Ranges, name: str) -> Block:
