@@ -136,15 +136,37 @@ def passed_on(case):
     return 90.0 * out
 
 
+def drawn_in(case):
+    """A seal near 10 degC lets air in while the unit is heated, and none out."""
+    return 0.4 * np.maximum(60.0 * np.gradient(case), 0.0) * np.exp(-(((case - 10.0) / 15.0) ** 2))
+
+
+def loosened(case):
+    """Above 30 degC a joint gives way to gradients, the more the warmer it is."""
+    return 0.02 * np.maximum(case - 30.0, 0.0) * 60.0 * np.gradient(case)
+
+
+def softened(case):
+    """What creeps above 35 degC, and back below, within 33 minutes."""
+    out, state = np.empty(len(case)), max(case[0] - 35.0, 0.0)
+    for second, value in enumerate(case.tolist()):
+        state += (max(value - 35.0, 0.0) - state) / 2000.0
+        out[second] = 0.06 * state
+    return out
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "formula"),
     [
+        (drawn_in, r"k \* above\(dT_dt\) \* exp\(-\(\(temperature - (9|1[01])\.\d*\)/1[3-7](\.\d*)?\)\*\*2\)"),
+        (loosened, r"k \* dT_dt \* above\(temperature - (2[89]|3[0-2])(\.\d*)?\)"),
+        (softened, r"k \* lag\(above\(temperature - 3\d(\.\d*)?\), (1[6-9]|2[0-4])\d\d(\.\d*)?\)"),
         (trapped, r"k \* \(temperature - uneven_lag\(temperature, \d+(\.\d+)?, [56]\d\d\d(\.\d+)?\)\)"),
         (passed_on, r"k \* \(dT_dt - lag\(dT_dt, \d+(\.\d+)?\)\)"),
     ],
 )
-def test_what_takes_up_and_gives_off_at_different_rates_and_what_passes_heat_on_is_found(quiet, hidden, formula):
+def test_what_a_mechanism_does_is_found_as_the_formula_that_it_is(quiet, hidden, formula):
     run, still = quiet
     check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
 
@@ -238,6 +260,21 @@ def test_a_product_of_many_factors_does_not_take_the_place_of_an_effect():
     answer = diagnose([frost.run(outside.RUN)], MODEL, static=frost.quiet(cases.STATIC, 4))
     assert answer.verdict == "missing_effect", answer.sentence
     assert answer.found[0].effect == "frost"
+
+
+@pytest.mark.slow
+def test_what_a_channel_does_while_the_unit_is_heated_alone_is_told_from_what_it_does_at_rest(quiet):
+    def with_it(record):
+        slope = np.gradient(record.channel("temperature"), record.time) * 60.0
+        added = 12.0 * (record.channel("quadrature") - 0.02) * (slope > 0.05)
+        return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
+
+    run, still = quiet
+    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+    best = diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still).formulas[0]
+    assert re.search(r"above\(direction\)", best.formula), best.formula
+    assert "(1 + direction)" not in best.formula
+    assert best.proof.proved
 
 
 def test_the_formula_that_a_check_run_proves_against_another_comes_first():

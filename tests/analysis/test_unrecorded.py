@@ -235,6 +235,16 @@ def test_a_formula_that_is_proved_leads_unless_check_runs_speak_more_for_the_bes
     assert [one.name for one in proved_first((best, proved))] == [first, ({"best", "proved"} - {first}).pop()]
 
 
+@pytest.mark.parametrize(("evidence", "first"), [(57.0, "best"), (20.0, "proved")])
+def test_legs_that_are_left_out_do_not_put_a_formula_before_one_with_much_more_evidence(evidence, first):
+    """They are parts of the run that the evidence is of, and a sine over its time cannot be proved by them."""
+    best = SimpleNamespace(
+        name="best", proof=Proof("blocks", 0.137, 0.07, 9.0, doubt="no"), borne=0.0, evidence=evidence
+    )
+    proved = SimpleNamespace(name="proved", proof=Proof("blocks", 0.137, 0.09, 4.0), borne=0.0, evidence=15.0)
+    assert proved_first((best, proved))[0].name == first
+
+
 def test_what_the_check_run_alone_shows_is_said_to_be_of_that_run():
     """A part came loose between the two runs: nothing is wrong with the first, which "cannot tell" nothing."""
     rng = np.random.default_rng(2)
