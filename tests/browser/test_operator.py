@@ -392,6 +392,57 @@ def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
     assert page.locator("form.slots input").first.input_value() == "GX-1"
 
 
+def test_a_label_that_was_scanned_twice_is_one_unit(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/")
+    page.get_by_label("Serial number").wait_for()
+    page.keyboard.type("sim-0001sim-0001\n")
+    page.get_by_text("sim-0001sim-0001 repeats SIM-0001").wait_for()
+    page.keyboard.type("GX-77GX-77\n")
+    page.get_by_role("button", name="GX-77GX-77").click()
+    page.get_by_text("GX-77GX-77 is new").wait_for()
+    page.keyboard.type("GX-77GX-77\n")
+    page.get_by_role("button", name="GX-77", exact=True).click()
+    page.get_by_text("GX-77 is new").wait_for()
+    page.get_by_role("button", name="Slot of SIM-0002").first.click()
+    page.get_by_role("button", name=re.compile("^Calibration, −40 to 85")).click()
+    page.get_by_label("Serial number in the slot of SIM-0002").fill("GX-77 GX-77")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="GX-77", exact=True).click()
+    assert page.locator(".steps strong").first.inner_text() == "GX-77"
+
+
+def test_slots_ask_which_number_is_meant_and_go_on(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/")
+    page.get_by_role("region", name="Four units").get_by_role("button", name="Fill 4 slots").click()
+    page.get_by_role("button", name="Next").wait_for()
+    page.keyboard.type("GX-7GX-7\n")
+    page.get_by_role("button", name="GX-7", exact=True).click()
+    page.keyboard.type("GX-8GX-8\n")
+    page.get_by_role("button", name="GX-8GX-8").click()
+    page.keyboard.type("\n\n")
+    page.get_by_role("button", name=re.compile("^Calibration, −40 to 85")).wait_for()
+    assert page.locator(".steps strong").first.inner_text() == "GX-7, GX-8GX-8"
+
+
+def test_the_enter_of_a_second_scan_presses_nothing(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/")
+    page.get_by_label("Serial number").wait_for()
+    page.keyboard.type("SIM-0001\n")
+    first = page.locator(".choice").first
+    first.wait_for()
+    page.keyboard.type("SIM-0001\n")
+    assert first.is_visible(), "no station was chosen"
+    page.goto("/start?unit=SIM-0001&station=four_units&plan=quick")
+    start = page.locator("button.giant")
+    page.locator("button.giant:focus").wait_for()
+    page.keyboard.type("GX-9\n")
+    assert start.is_enabled(), "no run was started"
+    assert "/live/" not in page.url
+
+
 def test_four_units_stand_side_by_side(bench, visitors):
     page = visitors.come(bench.site.address, scheme="dark")
     page.goto("/")

@@ -69,8 +69,8 @@ export function useTyping(choose) {
   useLayoutEffect(() => {
     choose().focus();
     const typed = (event) => {
-      const elsewhere = !event.target.closest("input, select, textarea, button, a, dialog");
-      if (elsewhere && event.key.length === 1 && !event.ctrlKey && !event.metaKey && !event.altKey) choose()?.focus();
+      const elsewhere = !event.target.closest("input, select, textarea, dialog");
+      if (elsewhere && event.key.length === 1 && event.key !== " " && !event.ctrlKey && !event.metaKey && !event.altKey) choose()?.focus();
     };
     document.addEventListener("keydown", typed);
     return () => document.removeEventListener("keydown", typed);

@@ -11,3 +11,11 @@ export const same = (one, other) => one.trim().toLowerCase() === other.trim().to
 
 /** The unit with this serial number in a slot. */
 export const inSlot = (serial, slot) => (serial.trim() && !same(serial, slot) ? `${serial.trim()}@${slot}` : slot);
+
+/** The serial number that `text` repeats, as a scanner types it that reads a label twice: a known one, or one of three characters and more; empty without one. */
+export const repeated = (text, known) => {
+  const typed = text.trim().toLowerCase();
+  const rest = (unit) => typed.replaceAll(unit.trim().toLowerCase(), "").trim();
+  if (!typed || known.some((unit) => same(unit, text))) return "";
+  return known.find((unit) => !rest(unit)) ?? text.trim().match(/^(.{3,}?)\s*(\1\s*)+$/i)?.[1] ?? "";
+};

@@ -5,12 +5,12 @@ import { Operator } from "../lib/bar.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Shape, TextField, Trouble } from "../lib/parts.js";
 import { may, remembered, session, store, useStore } from "../lib/store.js";
-import { inSlot, serialOf, slotOf } from "../lib/units.js";
+import { inSlot, repeated, serialOf, slotOf } from "../lib/units.js";
 import { t } from "../lib/words.js";
 import { PlanQuestion } from "./start/plan.js";
 import { planTitle, stationName } from "../lib/names.js";
 import { Ready } from "./start/ready.js";
-import { wrongIn } from "./start/slots.js";
+import { Doubled, doubledIn, wrongIn } from "./start/slots.js";
 import { UnitQuestion } from "./start/unit.js";
 
 const NOTHING = { units: [], station: null, plan: null, calibration: null, limits: null, models: null, anew: false };
@@ -66,6 +66,15 @@ function asked({ unit, station, plan, calibration, limits = null, models, anew }
   };
 }
 
+/** A scan while a button has the focus takes it away: the Enter of the scanner presses nothing. */
+function useUnpressed(heading) {
+  useEffect(() => {
+    const typed = ({ key }) => key.length === 1 && key !== " " && document.activeElement?.closest(".question button") && heading.current?.focus();
+    document.addEventListener("keydown", typed);
+    return () => document.removeEventListener("keydown", typed);
+  }, []);
+}
+
 export default function Start({ query }) {
   const choices = useChoices();
   const now = useStore(order);
@@ -73,6 +82,7 @@ export default function Start({ query }) {
   const heading = useRef(null);
   const step = question(now);
   useBack();
+  useUnpressed(heading);
   useEffect(() => {
     if (choices.plans && (query.unit || query.plan || query.calibration)) keep(asked(query, choices));
   }, [choices.plans]);
@@ -128,20 +138,24 @@ function Steps({ now, step, station, plan, answer }) {
 /** The other slots of the station, for the same run: with the unit of the station file, or a new one. */
 function Neighbours({ now, station, answer }) {
   const [wrong, setWrong] = useState("");
+  const [doubled, setDoubled] = useState({ serial: "", slot: "" });
   if (station.units.length < 2) return null;
   const of = (slot) => now.units.find((unit) => slotOf(unit) === slot);
-  const put = (slot, unit) => {
+  const put = (slot, unit, meant = false) => {
     const units = station.units.map((one) => (one === slot ? unit : of(one))).filter(Boolean);
     const problem = wrongIn(station.units, Object.fromEntries(units.map((one) => [slotOf(one), serialOf(one)])));
+    const twice = unit && !meant && doubledIn([slot], { [slot]: serialOf(unit) }, [slot]);
     setWrong(problem);
-    if (units.length && !problem) answer({ units });
+    setDoubled(twice ? { serial: serialOf(unit), slot } : { serial: "", slot: "" });
+    if (units.length && !problem && !twice) answer({ units });
   };
   const all = now.units.length === station.units.length;
   return html`<fieldset class="neighbours"><legend>${t("start.together")}</legend>
     ${station.units.map((slot) => html`<div key=${slot} class="tick">
       <input type="checkbox" aria-label=${slot} checked=${Boolean(of(slot))} disabled=${now.units.length === 1 && of(slot)} onChange=${() => put(slot, of(slot) ? null : slot)} />
       <${TextField} class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" onGiven=${(serial) => put(slot, inSlot(serial, slot))} /></div>`)}
-    <div aria-live="assertive">${wrong && html`<p class="tone-bad small">${wrong}</p>`}</div>
+    <div aria-live="assertive">${wrong && html`<p class="tone-bad small">${wrong}</p>`}
+      ${doubled.slot && html`<${Doubled} serial=${doubled.serial} single=${repeated(doubled.serial, station.units)} take=${(serial) => put(doubled.slot, inSlot(serial, doubled.slot), true)} />`}</div>
     ${!all && html`<button type="button" class="narrow" onClick=${() => answer({ units: station.units.map((slot) => of(slot) ?? slot) })}>${t("start.all_units", { n: station.units.length })}</button>`}
   </fieldset>`;
 }

@@ -1,7 +1,7 @@
 // One serial number for each slot of a station: scanned or typed, Enter goes to the next slot.
 import { useTyping } from "../../lib/parts.js";
 import { html, useRef, useState } from "../../lib/preact.js";
-import { inSlot, same } from "../../lib/units.js";
+import { inSlot, repeated, same } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 
 /** What is wrong with the serial numbers by slot, in words; empty where nothing is. */
@@ -13,6 +13,13 @@ export function wrongIn(slots, serials) {
   return at < 0 ? "" : t("start.slots_other", { serial: given[at], slot: slots.find((slot) => same(slot, given[at])) });
 }
 
+/** The slot whose serial number repeats one, none of the `meant` ones. */
+export const doubledIn = (slots, serials, meant) => slots.find((slot) => serials[slot] && !meant.includes(serials[slot]) && repeated(serials[slot], slots));
+
+/** Asks for the serial number that is meant: the one that is repeated, or the whole as it was typed. */
+export const Doubled = ({ serial, single, take }) => html`<div class="notice warn"><p>${t("start.doubled", { serial, single })}</p>
+  <div class="row">${[single, serial].map((one) => html`<button type="button" key=${one} class="mono" onClick=${() => take(one)}>${one}</button>`)}</div></div>`;
+
 /** The units, each in its slot, as the API names them. */
 export const unitsIn = (slots, serials) => slots.filter((slot) => serials[slot]?.trim())
   .map((slot) => inSlot(serials[slot], slot));
@@ -21,6 +28,8 @@ export const unitsIn = (slots, serials) => slots.filter((slot) => serials[slot]?
 export function SlotsForm({ station, answer, back }) {
   const [serials, setSerials] = useState({});
   const [wrong, setWrong] = useState("");
+  const [doubled, setDoubled] = useState("");
+  const [meant, setMeant] = useState([]);
   const form = useRef(null);
   useTyping(() => [...form.current.querySelectorAll("input")].find((field) => !field.value) ?? form.current.querySelector("input"));
   const submit = (event) => {
@@ -28,12 +37,21 @@ export function SlotsForm({ station, answer, back }) {
     const fields = [...form.current.querySelectorAll("input")];
     const next = fields[fields.indexOf(document.activeElement) + 1];
     const problem = wrongIn(station.units, serials);
+    const twice = doubledIn(station.units, serials, meant);
     setWrong(problem);
-    if (problem) return fields.find((field) => field === document.activeElement)?.select();
+    setDoubled(twice);
+    if (problem || twice) return fields.find((field) => field === document.activeElement)?.select();
     if (next && event.submitter?.type !== "submit") return next.focus();
     const units = unitsIn(station.units, serials);
     if (units.length) answer({ units, station: station.id });
     return undefined;
+  };
+  const take = (serial) => {
+    const fields = [...form.current.querySelectorAll("input")];
+    setSerials({ ...serials, [doubled]: serial });
+    setMeant([...meant, serial]);
+    setDoubled("");
+    (fields[station.units.indexOf(doubled) + 1] ?? form.current.querySelector("[type=submit]")).focus();
   };
   // Enter in a field is not a click on the button: it goes to the next slot, from the last one to the next question.
   const enter = (event) => {
@@ -47,7 +65,8 @@ export function SlotsForm({ station, answer, back }) {
     ${station.units.map((slot) => html`<div key=${slot} class="field"><label for=${`slot-${slot}`}>${t("start.slot", { slot })}</label>
       <input id=${`slot-${slot}`} class="mono" autocomplete="off" autocapitalize="characters" spellcheck=${false} maxlength="64" aria-describedby="slots-hint" value=${serials[slot] ?? ""}
         onKeyDown=${enter} onInput=${(event) => setSerials({ ...serials, [slot]: event.target.value })} /></div>`)}
-    <div aria-live="assertive">${wrong && html`<div class="notice warn"><p>${wrong}</p></div>`}</div>
+    <div aria-live="assertive">${wrong && html`<div class="notice warn"><p>${wrong}</p></div>`}
+      ${doubled && html`<${Doubled} serial=${serials[doubled]} single=${repeated(serials[doubled], station.units)} take=${take} />`}</div>
     <div class="row"><button type="submit" class="primary" disabled=${!unitsIn(station.units, serials).length}>${t("start.next")}</button>
       <button type="button" class="quiet" onClick=${back}>${t("start.back")}</button></div>
   </form>`;

@@ -1,10 +1,10 @@
 // Choice of the unit: typed, scanned (a scanner types and sends Enter) or chosen from those of the stations.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Trouble, useTyping } from "../../lib/parts.js";
-import { inSlot, same } from "../../lib/units.js";
+import { inSlot, repeated, same } from "../../lib/units.js";
 import { stationName } from "../../lib/names.js";
 import { t } from "../../lib/words.js";
-import { SlotsForm } from "./slots.js";
+import { Doubled, SlotsForm } from "./slots.js";
 
 /** Characters that a serial number may have. */
 const LONGEST = 64;
@@ -19,22 +19,26 @@ export const whereIs = (stations, serial) =>
 export function UnitQuestion({ stations, last, answer }) {
   const [asked, setAsked] = useState(null);
   const [wrong, setWrong] = useState("");
+  const [doubled, setDoubled] = useState({ serial: "", single: "" });
   const [long, setLong] = useState(false);
   const [filling, setFilling] = useState(null);
   const sound = stations.filter((station) => !station.problem);
-  const take = (serial) => {
+  const take = (serial, meant = false) => {
     const tooLong = serial.trim().length > LONGEST;
     const places = tooLong ? [] : whereIs(sound, serial);
     const place = places.length === 1 ? places[0] : null;
-    setLong(tooLong);
-    setWrong(places.length || tooLong ? "" : serial.trim());
+    const single = places.length || meant ? "" : repeated(serial, sound.flatMap((station) => station.units));
+    setDoubled({ serial: serial.trim(), single });
+    setLong(tooLong && !single);
+    setWrong(places.length || tooLong || single ? "" : serial.trim());
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
   };
   if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
-    <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}</div>
+    <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}
+      ${doubled.single && html`<${Doubled} ...${doubled} take=${(serial) => take(serial, true)} />`}</div>
     ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
     <div class="stations" hidden=${Boolean(wrong)}>
       ${sound.map((station) => html`<${Place} key=${station.id} station=${station}>
