@@ -1,7 +1,9 @@
 """The operator's way in a real browser: from serial number to verdict, abort, a server that comes back."""
 
 import json
+import os
 import re
+import signal
 
 import pytest
 
@@ -368,6 +370,21 @@ def test_two_browsers_see_the_same(bench, visitors):
     other.get_by_role("dialog").get_by_role("button").last.click()
     one.get_by_role("heading", name="ABORTED").wait_for()
     other.wait_for_url(f"**/verdict/{run}")
+
+
+def test_a_run_that_was_cut_off_is_resumed_in_the_page(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address)
+    page.goto(f"/live/{run}")
+    page.get_by_role("button", name="Hold now").wait_for()
+    start = bench.get("/starts")["starts"][0]["start"]
+    os.kill(json.loads((bench.out / ".web" / "starts" / start / "start.json").read_text())["pid"], signal.SIGKILL)
+    resume = page.get_by_role("button", name="Resume")
+    resume.wait_for()
+    picture(page, "live-cut-off")
+    resume.click()
+    page.get_by_role("button", name="Hold now").wait_for()
+    assert page.url.endswith(f"/live/{run}")
 
 
 def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):

@@ -43,6 +43,11 @@ segments:
   - {kind: soak, duration_min: 45}
   - {kind: ramp, to_degc: 23, rate_degc_per_min: 1}
 """
+LIMITS = """\
+name: own
+limits:
+  - {quantity: samples_lost, unit: "1", upper: 0, reason: every sample counts}
+"""
 HOT = "name: hot\nsegments:\n  - {kind: ramp, to_degc: 120, rate_degc_per_min: 2}\n"
 
 
@@ -191,6 +196,34 @@ def test_a_run_that_was_killed_says_how_to_go_on(settings):
         answer = client.post(f"/api/v1/live/{run}/hold", json={})
         assert (answer.status_code, "goes on with it" in answer.json()["detail"]) == (409, True)
         begin(client, "hot")  # a dead run has no station
+
+
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on_in_its_folder(settings):
+    made, bearer = settings
+    (made.project / "profiles" / "limits").mkdir()
+    (made.project / "profiles" / "limits" / "own.yaml").write_text(LIMITS)
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        start = begin(client, "long", limits="own", units=["GX-9@SIM-0001"])
+        run = state_of(client, start, "running")["runs"][0]
+        live = client.post(f"/api/v1/runs/{run}/resume", json={})
+        assert (live.status_code, live.json()["detail"]) == (409, f"{run} is live: there is nothing to go on with")
+        until(lambda: client.get(f"/api/v1/live/{run}").json().get("t_s", 0) > 60)
+        kill(json.loads((made.own / "starts" / start / "start.json").read_text())["pid"])
+        until(lambda: client.get("/api/v1/live").json()["runs"][0]["condition"] == "gone")
+        refused = client.post(f"/api/v1/runs/{run}/resume", json={}, headers=bearer["viewer"])
+        assert refused.status_code == 403
+        told = client.post(f"/api/v1/runs/{run}/resume", json={})
+        assert (told.status_code, told.json()["units"]) == (202, ["GX-9@SIM-0001"]), told.text
+        assert state_of(client, told.json()["start"], "running", "ended")["runs"] == [run]
+        until(lambda: client.get(f"/api/v1/live/{run}").json()["condition"] == "live")
+        again = client.get(f"/api/v1/live/{run}").json()["again"]
+        assert (again["plan"], again["limits"], again["models"]) == ("long", "own", ["polynomial"])
+        client.post(f"/api/v1/live/{run}/abort?wait_s=60", json={})
+        state_of(client, told.json()["start"], "ended")
+        assert client.get("/api/v1/starts").json()["starts"][0]["verdicts"][0]["limits"] is not None
+    assert (made.out / run / "journal-2").is_dir(), "what is recorded is a part of its own in the same folder"
 
 
 @pytest.mark.parametrize(

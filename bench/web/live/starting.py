@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path as File
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, HTTPException, Request
@@ -10,9 +11,12 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from bench.commands import seated, station_file, station_of
 from bench.web.ground.settings import Here
-from bench.web.live.live import watcher_of
+from bench.web.live.finding import folder_of, ids
+from bench.web.live.live import Acting, watcher_of
 from bench.web.live.picture import UnitVerdict
 from bench.web.live.starts import InUse, Order, Starts
+from bench.web.live.story import serial_of
+from bench.web.live.subject import job_of
 from bench.web.people.access import Operator, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
@@ -97,6 +101,42 @@ def begin(wanted: Wanted, request: Request, here: Here, who: Operator) -> Start:
         who={"name": who.name, "role": who.role, "address": who.address},
         queue=wanted.queue,
         not_before=wanted.not_before,
+    )
+    return begun(order, request)
+
+
+@router.post("/runs/{unit}/{run}/resume", status_code=202)
+def resume(
+    unit: Annotated[str, Part(min_length=1, max_length=200)],
+    run: Annotated[str, Part(min_length=1, max_length=200)],
+    asked: Acting,
+    request: Request,
+    here: Here,
+    who: Operator,
+) -> Start:
+    """Go on with a run whose bench was killed, as `bench resume` does; 409 for a live one, or one of a calibration."""
+    id_, watched = f"{unit}/{run}", watcher_of(request).find(f"{unit}/{run}")
+    folder = folder_of(here.out, unit, run)
+    if folder is None:
+        raise HTTPException(404, f"no run {id_}; GET /api/v1/runs lists them")
+    if watched is not None and watched.condition != "gone":
+        raise HTTPException(409, f"{id_} is live: there is nothing to go on with")
+    if job := job_of(folder):
+        raise HTTPException(409, f"{id_} was made for the calibration {job}: go on with that")
+    folders = [folder] if watched is None else list(watched.live.folders)
+    known = starts_of(request).of_run(ids(folders)[0])
+    settings, units = catalog.station(folder / "station.yaml"), [serial_of(one) for one in folders]
+    person = named_by(who, asked.operator, request, known and known["who"])
+    order = Order(
+        plan=known["plan"] if known else catalog.plan(folder / "profile.yaml")["name"],
+        station=known["station"] if known else settings.name,
+        station_file=folder / "station.yaml",
+        equipment=catalog.equipment(settings, units),
+        units=known["units"] if known else units,
+        models=dict.fromkeys(known["models"] if known else (), ""),
+        limits=File(known["limits"]) if known and known["limits"] else None,
+        resumes=folders[0],
+        who={"name": person.name, "role": person.role, "address": person.address},
     )
     return begun(order, request)
 

@@ -45,7 +45,7 @@ class InUse(Exception):  # noqa: N818 - a state, not an error
 
 @dataclass(frozen=True)
 class Order:
-    """A run, a calibration or a write into a unit to start: files, units, models, limits, user."""
+    """A run, its continuation, a calibration or a write into a unit to start: files, units, models, limits, user."""
 
     plan: str
     station: str
@@ -58,6 +58,8 @@ class Order:
     """The run is with the unit's own correction on, and judges it (`bench verify`)."""
     flashes: Path | None = None
     """Run whose calibration is written into its unit (`bench flash`)."""
+    resumes: Path | None = None
+    """Run that goes on (`bench resume`), with what its folder keeps: profile, station, models and limits."""
     plan_file: Path | None = None
     """Of a calibration, with the digests of its jobs, one for each unit."""
     digests: Sequence[str] = ()
@@ -80,6 +82,8 @@ class Order:
 
     def arguments(self, out: Path) -> list[str]:
         """Arguments of `bench`."""
+        if self.resumes:
+            return ["resume", "--quiet", "--json", "--out", str(out), "--", str(self.resumes)]
         more = [] if self.flashes else [("--unit", unit) for unit in self.units]
         more += [("--run", str(self.flashes))] if self.flashes else []
         more += [("--model", model) for model in self.models.values()]

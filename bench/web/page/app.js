@@ -12,20 +12,21 @@ import { stateWord } from "./pages/live/words.js";
 
 export { live, traces } from "./lib/live.js"; // what the page knows, for tests and measurements
 
+const withAllWords = async (page) => (await Promise.all([page, speakOfAll()]))[0];
 const PAGES = {
   calibrations: () => import("./pages/calibrations.js"),
-  files: () => import("./pages/files.js"),
-  fleet: async () => (await Promise.all([import("./pages/fleet.js"), speakOfAll()]))[0],
+  files: () => withAllWords(import("./pages/files.js")),
+  fleet: () => withAllWords(import("./pages/fleet.js")),
   import: () => import("./pages/import.js"),
   laboratory: () => import("./pages/laboratory.js"),
   live: () => import("./pages/live.js"),
   login: () => import("./pages/login.js"),
-  run: () => import("./pages/run.js"),
+  run: () => withAllWords(import("./pages/run.js")),
   start: () => import("./pages/start.js"),
   unit: () => import("./pages/unit.js"),
   units: () => import("./pages/units.js"),
   verdict: () => import("./pages/verdict.js"),
-  workbench: async () => (await Promise.all([import("./pages/workbench/main.js"), speakOfAll()]))[0],
+  workbench: () => withAllWords(import("./pages/workbench/main.js")),
 };
 /** Components of the pages that were fetched; each gets {params, query}. */
 const fetched = {};

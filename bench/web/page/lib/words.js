@@ -21,7 +21,7 @@ const catalogues = {
   zh: () => import("../words/zh.json", { with: { type: "json" } }),
 };
 
-/** Words that only the workbench says: no other page waits for them. */
+/** Words that only the workbench, the fleet, a run and the files say: no other page waits for them. */
 const further = {
   en: () => import("../words/workbench/en.json", { with: { type: "json" } }),
   uk: () => import("../words/workbench/uk.json", { with: { type: "json" } }),
@@ -39,7 +39,7 @@ export async function speak(name) {
   language.set(next);
 }
 
-/** Fetch the words of the workbench and the fleet, too. */
+/** Fetch the further words, too. */
 export function speakOfAll() {
   all = true;
   return speak();

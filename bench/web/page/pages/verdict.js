@@ -7,11 +7,14 @@ import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { asGiven, joined, moment, quantityWord, sig, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
+import { GoOn } from "./live/resume.js";
 import { achieved, advice } from "./verdict/advice.js";
 import { judged, margin, outcomeWord, toneOf, worst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
 
 const LOOK_MS = 2000;
+/** How the cause begins of a run whose process was killed: it can go on. */
+const KILLED = "the bench was killed";
 
 /** The end of a run: from the stream if it is live, else polled until its analysis is done. */
 function useEnd(params) {
@@ -55,7 +58,7 @@ export default function Verdict({ params }) {
   const shown = units[words.indexOf(word)];
   const answer = useJudged(shown);
   if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
-  if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /></div>`;
+  if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /><${GoOn} run=${`${params.unit}/${params.run}`} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
   const kind = answer?.manifest?.purpose === "verification" ? "verification" : "";
@@ -72,6 +75,7 @@ export default function Verdict({ params }) {
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${some}${t(next(word, end, answer), { n })}</p></section>
+      ${run?.runs && !run.job && end.cause?.startsWith(KILLED) && html`<${GoOn} run=${end.run} />`}
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
     </div>
   </article>`;

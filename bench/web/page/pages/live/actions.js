@@ -5,6 +5,7 @@ import { Dialog, Trouble } from "../../lib/parts.js";
 import { may } from "../../lib/store.js";
 import { t } from "../../lib/words.js";
 import { operatorOf } from "../start/operator.js";
+import { GoOn } from "./resume.js";
 
 const POSSIBLE = { running: ["hold", "pause"], pausing: ["hold", "resume"], holding: ["resume"] };
 const SIGNS = {
@@ -38,13 +39,13 @@ export function Actions({ run }) {
   const ending = requested === "abort" || run.state === "ending";
   return html`<div class="actions" role="group" aria-label=${t("actions.label")}>
     <${Trouble} error=${error} forget=${() => setError(null)} />
-    <div class="actions-row">
+    ${!reached && !run.job ? html`<${GoOn} run=${run.run} />` : html`<div class="actions-row">
       ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
         <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || requested !== ""} onClick=${() => ask(action)}>
           <${Sign} action=${action} /> ${t(action === "resume" && run.state === "pausing" ? "actions.go_on" : `actions.${action}`)}</button>`)}
       <span class="actions-gap soft">${ending ? t("actions.ending") : run.state === "pausing" ? t("actions.pausing") : run.state === "holding" ? t("actions.holding") : ""}</span>
       <button type="button" class="stop" disabled=${!reached || ending} onClick=${() => setSure(true)}><${Sign} action="abort" /> ${t("actions.abort")}</button>
-    </div>
+    </div>`}
     ${sure && html`<${Sure} run=${run} close=${() => setSure(false)} abort=${() => {
       setSure(false);
       ask("abort");
