@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from urllib.parse import urlencode
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -255,6 +256,26 @@ def test_a_range_of_temperature_on_the_free_axes_is_in_the_address_and_holds_in_
     page.locator(".wb-pictures .wb-chip", has_text="Only").wait_for()
 
 
+@pytest.mark.parametrize(("over", "axis", "words"), [("dT_dt", "dT_dt", "over dT/dt"), ("time", "h", "over time")])
+def test_a_range_of_any_free_abscissa_is_kept_by_the_address(page, over, axis, words):
+    choose(page)
+    page.get_by_role("tab", name="Free axes").click()
+    page.get_by_label("Residual over").select_option(over)
+    page.locator(".wb-words", has_text=words).wait_for()
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    page.locator(".wb-plot").focus()
+    page.keyboard.press("+")
+    page.wait_for_url(f"**zoom={axis}%3A*")
+    kept = "() => document.querySelector('.wb-plot')._fullLayout?.xaxis.range.map((end) => end.toPrecision(6)).join()"
+    before = page.evaluate(kept)
+    page.reload()
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    assert page.evaluate(kept) == before
+    page.get_by_role("tab", name="Loop").click()
+    page.locator(".wb-words", has_text="over temperature").wait_for()
+    assert page.locator(".wb-pictures .wb-chip").count() == (axis == "h"), "rows of this time, or all"
+
+
 def test_figure_and_data_can_be_taken_away(page):
     choose(page)
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
@@ -456,3 +477,19 @@ def test_what_the_mouse_points_at_in_one_figure_is_marked_in_the_others(page):
     page.get_by_text("The dotted line is the moment").wait_for()
     page.locator('.wb-plot .shapelayer path[style*="dasharray"]').first.wait_for(state="attached")
     picture(page, "workbench-moment")
+
+
+def test_what_the_mouse_points_at_in_overlaid_runs_is_marked_in_the_figure_of_that_run(page, mystery):
+    check, ramp = (f"{path.parent.name}/{path.name}" for path in sorted(mystery.glob("MYSTERY-*/*_[cr]*")))
+    asked = {"run": ramp, "check": check, "figure": "axes", "over": "dT_dt", "of": "all"}
+    page.goto(f"/workbench?{urlencode(asked)}")
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    at = page.evaluate(POINT)
+    page.mouse.move(at[0] - 3, at[1])
+    page.mouse.move(*at)
+    page.locator(".wb-plot .hoverlayer .hovertext").first.wait_for()
+    page.get_by_label("Residual over").select_option("temperature")
+    page.get_by_text("The dotted line is the moment").wait_for()
+    picture(page, "workbench-overlaid-moment")
+    page.get_by_role("tab", name="Over time").click()
+    page.get_by_text("The dotted line is the moment").wait_for()

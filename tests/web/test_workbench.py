@@ -212,6 +212,9 @@ def test_residuals_of_all_runs_lie_over_each_other_and_a_selected_time_holds_for
     for model in (SPLINE, None):
         drawn = done(client, "/figures", {**body, "model": model})
         assert [trace["name"] for trace in drawn["figure"]["data"] if trace["mode"] == "lines+markers"] == [RUN, OTHER]
+        head, *rows = drawn["csv"]
+        assert head[:2] == ["run", "time [s]"]
+        assert {row[0] for row in rows} == {RUN, OTHER} == {trace["legendgroup"] for trace in drawn["figure"]["data"]}
     some = done(client, "/figures", {"kind": "axes", "runs": [RUN], "over": "temperature", "from_s": 0, "to_s": 3000})
     assert max(row[0] for row in some["csv"][1:]) <= 3000
 

@@ -118,3 +118,23 @@ def test_a_moment_of_one_figure_is_found_in_the_others() -> None:
     """
     found = told("pages/workbench/moment.js", script, [head, *rows])
     assert found == [5400, 5400, 600, 30, 1.5, None, None]
+
+
+def test_a_moment_is_not_marked_where_its_rows_are_not_shown() -> None:
+    head = ["time [s]", "temperature [degC]", "deg/h"]
+    rows = [[60.0 * i, 20.0 + i, 1.0] for i in range(100) if not 40 < i < 60]
+    script = "console.log(JSON.stringify([39, 50, 61].map((i) => page.placeOf('loop', given, 60 * i))))"
+    assert told("pages/workbench/moment.js", script, [head, *rows]) == [59, None, 81]
+
+
+def test_a_moment_of_one_of_several_runs_is_found_among_its_own_rows() -> None:
+    head = ["run", "time [s]", "dT/dt [°C/min]", "residual [deg/h]"]
+    rows = [[run, 60.0 * i, i + j, None if i == 7 else 0.001 * i] for j, run in enumerate(("a", "b")) for i in range(9)]
+    script = """
+    const csv = given;
+    console.log(JSON.stringify([
+      page.momentOf("axes", csv, { x: 4, y: 0.003 }, "b"), page.momentOf("axes", csv, { x: 4, y: 0.004 }, "a"),
+      page.placeOf("axes", csv, 120, "b"), page.placeOf("axes", csv, 120, "c"),
+    ]));
+    """
+    assert told("pages/workbench/moment.js", script, [head, *rows]) == [180, 240, 3, None]

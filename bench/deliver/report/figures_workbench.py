@@ -98,11 +98,12 @@ def overlaid(runs: Sequence[tuple[str, FloatArray, FloatArray]], x_title: str, y
     traces: list[go.Scatter] = []
     for i, (name, x, y) in enumerate(runs):
         colour, symbol = CYCLE[i % len(CYCLE)], ("circle", "diamond", "square", "cross", "x", "star")[i % 6]
-        traces.append(plotting.dot_trace(x, y, f"{name}, rows", colour, opacity=0.2, showlegend=False))
+        group = {"legendgroup": name}
+        traces.append(plotting.dot_trace(x, y, f"{name}, rows", colour, opacity=0.2, showlegend=False, **group))
         x_mean, y_mean = curve(x, y)
         marker = {"symbol": symbol, "size": 8, "color": colour}
         x_shown, y_shown = plotting.plain(x_mean), plotting.plain(y_mean)
-        traces.append(go.Scatter(x=x_shown, y=y_shown, name=name, mode="lines+markers", marker=marker))
+        traces.append(go.Scatter(x=x_shown, y=y_shown, name=name, mode="lines+markers", marker=marker, **group))
     return plotting.plot(traces, {"xaxis": axis(x_title), "yaxis": axis(y_title)}, 520)
 
 

@@ -288,7 +288,7 @@ def _axes_of_all(drawing: Drawing) -> Figure:
     each = [replace(drawing, of=run) for run in dict.fromkeys((*drawing.runs, *drawing.check))]
     own = [one for one in each if drawing.over in drawable_coordinates(one.data())]
     zeros = [0.0] * len(own) if drawing.model else zeros_of([one.data() for one in own])
-    values, spans = [], []
+    values, spans, rows = [], [], []
     for one, zero in zip(own, zeros, strict=True):
         data = one.data()
         shown = _inside(data, one)
@@ -296,6 +296,8 @@ def _axes_of_all(drawing: Drawing) -> Figure:
         if shown.any():
             values.append((one.of.id, x.values[shown], y[shown]))
             spans.append(said("of", name=one.of.id, span=span(y[shown])))
+            _, *cells = columns({"time": data.time[shown], "x": x.values[shown], "y": y[shown]})
+            rows += [[one.of.id, *row] for row in cells]
     if not values:
         raise EmptyRangeError("nothing was captured in this range of temperature and time")
     what = said("residual", model=drawing.name) if drawing.model else said("bias")
@@ -304,7 +306,8 @@ def _axes_of_all(drawing: Drawing) -> Figure:
     told = [said("axes_all", what=what, over={"label": x.title}, spans=spans)]
     told += [said("left_out", runs=left_out)] if left_out else []
     title = "residual [deg/h]" if drawing.model else "bias [deg/h], minus its mean"
-    return captioned(overlaid(values, x.title, title), [*told, floor_said(drawing.floor_dph())])
+    table = [["run", "time [s]", x.title, title], *rows]
+    return captioned(overlaid(values, x.title, title), [*told, floor_said(drawing.floor_dph())], table)
 
 
 def allan(drawing: Drawing) -> Figure:

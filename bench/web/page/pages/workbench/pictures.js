@@ -91,17 +91,19 @@ const AXES = { time: "h", temperature: "degC", loop: "degC" };
 const BOTH = ["h", "degC"];
 /** Selections that a figure heeds. */
 const HEEDS = { time: ["h"], temperature: BOTH, loop: BOTH, axes: BOTH };
+/** The same for the free abscissa: that of no other figure has its own name. */
+const FREE = { time: "h", temperature: "degC" };
 
-/** The selection of an address, `h:1,2` or `degC:-10,20`; null without one. */
+/** The selection of an address, `h:1,2`, `degC:-10,20` or that of another quantity, `dT_dt:-1,1`; null without one. */
 function selectionOf(zoom) {
   const [axis, ends = ""] = zoom.split(":");
   const range = ends.split(",").map(Number);
-  return BOTH.includes(axis) && range.length === 2 && range.every(Number.isFinite) ? { axis, range } : null;
+  return axis && range.length === 2 && range.every(Number.isFinite) ? { axis, range } : null;
 }
 
 /** A selection in the form of the API. */
 function spanOf(selection) {
-  if (!selection) return {};
+  if (!BOTH.includes(selection?.axis)) return {};
   const [low, high] = selection.range;
   return selection.axis === "h" ? { from_s: Math.max(0, low * HOUR_S), to_s: high * HOUR_S } : { from_degc: low, to_degc: high };
 }
@@ -145,8 +147,8 @@ export function Pictures({ session, picked, once }) {
   const every = kind === "axes" && session.of === EVERY && all.length > 1;
   const of = every || all.includes(session.of) ? session.of : runs.runs[0];
   const selection = selectionOf(zoom);
-  const heeded = selection && HEEDS[kind]?.includes(selection.axis) ? selection : null;
-  const axis = kind === "axes" && over === "temperature" ? "degC" : AXES[kind];
+  const axis = kind === "axes" ? FREE[over] ?? over : AXES[kind];
+  const heeded = selection && (selection.axis === axis || HEEDS[kind]?.includes(selection.axis)) ? selection : null;
   const range = heeded && heeded.axis === axis ? heeded.range : null;
   // The same figure keeps its zoom while finer data arrive and while the model changes.
   const what = picked ? `picked ${picked.id}` : JSON.stringify([kind, of, left, over, runs]);
@@ -173,10 +175,12 @@ export function Pictures({ session, picked, once }) {
     timer.current = setTimeout(() => act({ type: "zoom", zoom: told.current }), ZOOM_PAUSE_MS);
   };
   const moment = pointed.get();
-  const there = !picked && moment?.of === of && moment.kind !== kind && answer ? placeOf(kind, answer.csv, moment.time_s) : null;
+  const view = `${kind} ${kind === "axes" ? over : ""} ${every}`;
+  const there = !picked && moment && (every || moment.of === of) && moment.view !== view && answer ? placeOf(kind, answer.csv, moment.time_s, moment.of) : null;
   const onPoint = (point) => {
-    const time_s = picked || !answer ? null : momentOf(kind, answer.csv, point);
-    if (time_s !== null) pointed.set({ of, kind, time_s });
+    const run = every ? point.data.legendgroup : of;
+    const time_s = picked || !answer ? null : momentOf(kind, answer.csv, point, run);
+    if (time_s !== null) pointed.set({ of: run, view, time_s });
   };
   const words = { ...TABS(), picked: picked?.title };
   const shown = picked ? "picked" : kind;
@@ -187,9 +191,9 @@ export function Pictures({ session, picked, once }) {
       ${!picked && html`<${Choices} session=${session} kind=${kind} of=${of} axes=${axes.current} />`}</div>
     <div id="wb-panel" role="tabpanel" aria-labelledby=${`wb-tab-${shown}`}>
       ${once(job.failed) && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
-      ${!picked && selection && (!range || job.failed) && html`<p><${Selection} selection=${selection} heeded=${heeded} act=${act} /></p>`}
+      ${!picked && BOTH.includes(selection?.axis) && (!range || job.failed) && html`<p><${Selection} selection=${selection} heeded=${heeded} act=${act} /></p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${once(answer.note) ? html`${t("workbench.figure.bare")} <${Said} text=${answer.note} />` : t("workbench.figure.bare_only")}</p>`}
-      ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}</p>`}
+      ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}${every ? ` ${runTitle(moment.of)}` : ""}</p>`}
       <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
         name=${`${of} ${model.name} ${shown}`} />
     </div>
