@@ -288,6 +288,18 @@ def test_an_operator_holds_a_ramp_where_it_is_and_resumes_it_without_rewinding()
     assert bench.readings == len(bench.seen) + 1  # every second of the hold is recorded
 
 
+def test_a_soak_that_is_held_begins_anew_is_told_before_and_in_the_hold_and_counted_in_the_forecast():
+    soaked = "kind: soak, duration_min: 5"
+    begins = next(result.from_s for result in FakeBench().go(RAMP, soaked) if result.kind == "soak")
+    bench = FakeBench(hooks={begins + 200: asks("hold"), begins + 260: asks("resume")})
+    _, held, soak = bench.go(RAMP, soaked)
+    assert (held.outcome, soak.outcome, soak.to_s - soak.from_s) == ("held", "done", pytest.approx(300, abs=2))
+    told = {status.t_s: (status.state, status.anew) for status in bench.seen}
+    assert [told[begins + s] for s in (-50, 100, 230)] == [("running", False), ("running", True), ("holding", True)]
+    (left,) = {time_left(status, status.leg.nominal_end_s)[0] for status in bench.seen if status.leg.name == "hold"}
+    assert left == pytest.approx(300, abs=2)
+
+
 def test_the_forecast_stays_true_through_a_hold():
     bench = FakeBench(hooks={100: asks("hold"), 400: asks("resume")})
     results = bench.go(RAMP, "kind: soak, duration_min: 5")

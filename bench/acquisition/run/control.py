@@ -153,6 +153,7 @@ def picture(station: Station, status: Status, nominal_s: float) -> dict[str, Any
             "rate_degc_per_min": leg.rate_degc_per_min,
             "from_s": round(status.leg_from_s, 3),
             "left_s": segment_left_s,
+            "anew": status.anew,
         },
         "chamber": {
             "temperature_degc": _known(reading.temperature),

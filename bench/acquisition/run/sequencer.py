@@ -47,6 +47,11 @@ class _EndedEarly(Exception):  # noqa: N818 (the run is done)
     """Whoever was asked whether the run goes on said that it need not."""
 
 
+def _begins_anew(leg: Leg) -> bool:
+    """Whether a leg is done again whole after a hold; a ramp goes on from where the chamber is."""
+    return leg.kind != "ramp"
+
+
 class Sequencer:
     """Runs legs on a chamber while units are captured."""
 
@@ -140,7 +145,7 @@ class Sequencer:
         part = leg
         while self._run_leg(part) == "held":
             part = rest_of(leg, self._here())
-            self._wait_for_release(part, self._waits_at(leg))
+            self._wait_for_release(part, self._waits_at(leg), anew=_begins_anew(leg))
         self._operating.segment_is_over()
         if self._operating.hold:
             over = replace(leg, nominal_s=0.0, nominal_start_s=leg.nominal_end_s)
@@ -249,7 +254,7 @@ class Sequencer:
         in_force = self._chamber.commanded if in_force is None else in_force
         return in_force is not None and abs(in_force - leg.target_degc) < ARRIVED_DEGC
 
-    def _wait_for_release(self, leg: Leg, at_degc: float) -> None:
+    def _wait_for_release(self, leg: Leg, at_degc: float, anew: bool = False) -> None:
         """Keep the chamber at `at_degc` [degC] and record until nothing holds the run any more.
 
         What is left of `leg` stays left as long as that lasts.
@@ -259,7 +264,7 @@ class Sequencer:
         from_s, commanded = self._clock.now(), False
         while self._holding():
             commanded = commanded or self._link.set_point(at_degc)
-            self._tick(here, self._clock.now())
+            self._tick(here, self._clock.now(), anew)
         self._recorder.event("hold", f"released after {self._clock.now() - from_s:.0f} s", phase="end")
 
     def _holding(self) -> tuple[str, ...]:
@@ -276,7 +281,7 @@ class Sequencer:
         self._wiring.heart.beat()
         self._operating.take()
 
-    def _tick(self, leg: Leg | None = None, leg_from_s: float = 0.0) -> None:
+    def _tick(self, leg: Leg | None = None, leg_from_s: float = 0.0, anew: bool | None = None) -> None:
         self._sleep()
         if (reading := self._link.poll()) is not None:
             self._reading = reading
@@ -293,7 +298,8 @@ class Sequencer:
             state: Literal["running", "holding", "pausing"] = "pausing" if self._operating.pause else "running"
             state = "holding" if holding else state
             now_s = self._clock.now()
-            status = Status(now_s, leg, leg_from_s, self._legs, self._reading, unit_degc, holding, state)
+            anew = _begins_anew(leg) and not self._homeward if anew is None else anew
+            status = Status(now_s, leg, leg_from_s, self._legs, self._reading, unit_degc, holding, state, anew)
             self._wiring.onlooker(status)
             self._ask_whether_to_go_on(status)
 

@@ -44,3 +44,5 @@ class Status:
     """The guards and operators that hold the run."""
     state: Literal["running", "holding", "pausing"] = "running"
     """`pausing`: will hold after the present segment."""
+    anew: bool = False
+    """Whether the segment begins anew after a hold; a ramp goes on from where the chamber is."""

@@ -74,6 +74,8 @@ class SegmentNow(BaseModel):
     rate_degc_per_min: Number
     from_s: float
     left_s: float
+    anew: bool = False
+    """Whether it begins anew after a hold; a ramp goes on from where the chamber is."""
 
 
 class ChamberNow(BaseModel):

@@ -3,7 +3,7 @@ import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { post, url } from "../../lib/api.js";
 import { Dialog, Trouble } from "../../lib/parts.js";
 import { may } from "../../lib/store.js";
-import { t } from "../../lib/words.js";
+import { sign, t } from "../../lib/words.js";
 import { operatorOf } from "../start/operator.js";
 import { GoOn } from "./resume.js";
 
@@ -15,6 +15,12 @@ const SIGNS = {
   abort: html`<path d="M8 3h8l5 5v8l-5 5H8l-5-5V8z" />`,
 };
 const Sign = ({ action }) => html`<svg class="sign" viewBox="0 0 24 24" aria-hidden="true">${SIGNS[action]}</svg>`;
+
+/** What goes on now, and what a hold does to the segment. */
+const note = ({ state, segment }) => [
+  state === "pausing" && t("actions.pausing"), state === "holding" && t("actions.holding"),
+  segment?.anew && state === "holding" && t("actions.anew"), segment?.anew && state === "running" && t("actions.would_anew"),
+].filter(Boolean).join(sign("; "));
 
 export function Actions({ run }) {
   const [requested, setRequested] = useState("");
@@ -43,7 +49,7 @@ export function Actions({ run }) {
       ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
         <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || requested !== ""} onClick=${() => ask(action)}>
           <${Sign} action=${action} /> ${t(action === "resume" && run.state === "pausing" ? "actions.go_on" : `actions.${action}`)}</button>`)}
-      <span class="actions-gap soft">${ending ? t("actions.ending") : run.state === "pausing" ? t("actions.pausing") : run.state === "holding" ? t("actions.holding") : ""}</span>
+      <span class="actions-gap soft">${ending ? t("actions.ending") : note(run)}</span>
       <button type="button" class="stop" disabled=${!reached || ending} onClick=${() => setSure(true)}><${Sign} action="abort" /> ${t("actions.abort")}</button>
     </div>`}
     ${sure && html`<${Sure} run=${run} close=${() => setSure(false)} abort=${() => {
