@@ -387,6 +387,17 @@ def test_a_run_that_was_cut_off_is_resumed_in_the_page(bench, visitors):
     assert page.url.endswith(f"/live/{run}")
 
 
+def test_warnings_are_in_sight_with_start_in_a_low_window(bench, visitors):
+    low = {"width": 683, "height": 384}
+    page = visitors.come(bench.site.address, size=low)
+    page.goto("/start?unit=SIM-0001&station=four_units&plan=brief")
+    start = page.locator("button.giant:focus")
+    start.wait_for()
+    for box in (start.bounding_box(), page.get_by_role("link", name="1 warning").bounding_box()):
+        assert box["y"] >= page.locator(".bar").bounding_box()["height"]
+        assert box["y"] + box["height"] <= low["height"]
+
+
 def test_a_scan_right_after_the_click_loses_no_character(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")

@@ -55,7 +55,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
     </div>
     <div class="ready-go">
       <${Checked} result=${result} error=${error} again=${again} units=${order.units.map(serialOf)} />
-      ${calibrating && html`<${Begun} begun=${result?.begun} anew=${order.anew} setAnew=${(anew) => answer({ anew })} /><${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
+      ${calibrating && html`<${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
       ${!calibrating && limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
           <option value="">${t("ready.no_limits")}</option>
@@ -65,7 +65,8 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
       <${OperatorField} />
       <${Trouble} error=${refused} forget=${() => setRefused(null)} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
-      <${StartButton} ready=${ready} starting=${starting} later=${later} wrong=${result?.ok === false} start=${() => start()} />
+      ${calibrating && html`<${Begun} begun=${result?.begun} anew=${order.anew} setAnew=${(anew) => answer({ anew })} />`}
+      <${StartButton} ready=${ready} starting=${starting} later=${later} wrong=${result?.ok === false} warnings=${result ? findingsOf(result).serious.length : 0} start=${() => start()} />
       <div class="field"><label for="later">${t("ready.later")}</label>
         <input id="later" type="datetime-local" value=${later} aria-invalid=${passed ? "true" : undefined} aria-describedby="later-wrong" onInput=${(event) => setLater(event.target.value)} />
         <p id="later-wrong" class="tone-bad small" role="status">${passed && t("ready.passed")}</p></div>
@@ -73,17 +74,21 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
   </div>`;
 }
 
-/** START; where something is wrong it is described by the check, which says why. */
-function StartButton({ ready, starting, later, wrong, start }) {
+/** START; where something is wrong it is described by the check, which says why. Warnings that the window is too low for are counted beside it. */
+function StartButton({ ready, starting, later, wrong, warnings, start }) {
   const button = useRef(null);
+  const words = useRef(null);
   useEffect(() => {
     // Enter starts the run after the check has ended, unless another element has the focus.
-    if (ready && (document.activeElement === document.body || ["question", "main"].includes(document.activeElement?.id))) button.current.focus();
+    if (ready && (document.activeElement === document.body || ["question", "main"].includes(document.activeElement?.id))) {
+      button.current.focus({ preventScroll: true });
+      words.current.scrollIntoView({ block: "nearest" }); // START with what stands above it
+    }
   }, [ready]);
   return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} aria-describedby=${wrong ? "check" : undefined} onClick=${start}>
     ${starting ? t("ready.starting") : later ? t("ready.plan_it") : t("ready.start")}
   </button>
-  <p class="soft" role="status">${wrong ? html`<a class="tone-bad" href="#check">${t("ready.bad")}</a>` : starting ? t("ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
+  <p class="soft" role="status" ref=${words}>${ready && warnings > 0 && html`<a class="tone-warn" href="#check">${t("ready.warnings", { n: warnings })}</a><br />`}${wrong ? html`<a class="tone-bad" href="#check">${t("ready.bad")}</a>` : starting ? t("ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
 }
 
 function Facts({ plan, result, station, units }) {
@@ -100,16 +105,21 @@ function Facts({ plan, result, station, units }) {
   </dl>`;
 }
 
-/** Findings of the check: one lamp for all, and each finding. */
-function Checked({ result, error, again, units }) {
-  if (error) return html`<${Trouble} error=${error} retry=${again} />`;
-  if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;
+/** Findings that matter, the worst first, and notes. */
+function findingsOf(result) {
   const late = result.segments.filter((segment) => segment.outcome !== "done");
   const findings = [
     ...late.map((segment) => ({ level: "error", text: `${segment.name}: ${segment.reason}` })),
     ...result.findings,
   ].sort((one, other) => Object.keys(TONES).indexOf(one.level) - Object.keys(TONES).indexOf(other.level));
-  const [serious, notes] = [findings.filter(({ level }) => level !== "info"), findings.filter(({ level }) => level === "info")];
+  return { serious: findings.filter(({ level }) => level !== "info"), notes: findings.filter(({ level }) => level === "info") };
+}
+
+/** Findings of the check: one lamp for all, and each finding. */
+function Checked({ result, error, again, units }) {
+  if (error) return html`<${Trouble} error=${error} retry=${again} />`;
+  if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;
+  const { serious, notes } = findingsOf(result);
   const tone = !result.ok ? "bad" : serious.length ? "warn" : "good";
   return html`<div id="check" class=${`checked notice ${tone}`} role="status">
     <p class="checked-word"><${Lamp} tone=${tone}>${t(`ready.${tone}`, { n: serious.length })}<//></p>
