@@ -330,6 +330,11 @@ def test_what_the_bench_says_in_english_is_written_as_the_page_writes_it() -> No
     ]
 
 
+def test_negative_numbers_have_the_minus_of_the_figures_and_nothing_else_has() -> None:
+    given = ["chamber -47 °C (unit -46.5 °C), -40…-20", "`bench run -5`, GX-7 of 2026-11-28, 1e-05, ramp_-40_85.yaml"]
+    assert spoken("lib/said.js", "signed", given, "en") == ["chamber −47 °C (unit −46.5 °C), −40…−20", given[1]]
+
+
 def test_a_measured_value_keeps_its_digits_and_a_given_one_has_no_more_than_it_was_given() -> None:
     values = [0.53, 0.1101, 1234.56, -2.0, 0, 3, 0.9996, 1.5e-7, 12345.6]
     measured = ["0.530", "0.110", "1235", "−2", "0", "3", "1.000", "1.50·10⁻⁷", "12,346"]

@@ -41,7 +41,10 @@ export const advised = (text) =>
     return command ? t("said.command", { command }) : field ? `“${field}”` : t("said.option", { option });
   }).replace(/`([^`]+)`/g, "“$1”");
 
-const shown = (text, whole, names) => text && unbroken(advised(whole ? sentence(text, names) : text));
+/** Negative numbers with a true minus, as in the figures; what is to be typed (`…`), names, dates and exponents stay. */
+export const signed = (text) => text.replace(/`[^`]*`|(?<![\w.,/+:–−-])-(?=\d)/g, (found) => (found === "-" ? "−" : found));
+
+const shown = (text, whole, names) => text && unbroken(advised(signed(whole ? sentence(text, names) : text)));
 
 /** A finding as a sentence: a plain word at its begin is capital, but none of the user's `names`, and it ends. */
 export const sentence = (text, names = []) =>
