@@ -149,6 +149,28 @@ def test_a_plan_brings_the_limits_and_models_of_the_calibration_that_it_belongs_
     assert (verified["quick_calibration"], verified["quick_check"]) == ("quick_check", "")
 
 
+def test_a_run_has_the_model_file_that_the_plan_of_its_profile_names(settings):
+    made, bearer = settings
+    own = made.project / "profiles" / "own_models" / "mine.yaml"
+    own.parent.mkdir()
+    own.write_text("name: mine\neffects:\n- polynomial: {order: 1}\n")
+    (made.project / "profiles" / "limits").mkdir()
+    (made.project / "profiles" / "limits" / "own.yaml").write_text(LIMITS)
+    plans = made.project / "profiles" / "plans"
+    plans.mkdir()
+    plan = "name: own\nprofile: ../short.yaml\nverification: ../long.yaml\nlimits: ../limits/own.yaml\n"
+    (plans / "own.yaml").write_text(f"{plan}models: [../own_models/mine.yaml]\n")
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+        told = {plan["id"]: plan["models"] for plan in client.get("/api/v1/plans").json()["plans"]}
+        assert told["short"] == ["../own_models/mine.yaml"]
+        ended = state_of(client, begin(client, "short", models=told["short"]), "ended")
+        again = client.get(f"/api/v1/live/{ended['runs'][0]}").json()["again"]
+        repeated = state_of(client, begin(client, again["plan"], models=again["models"]), "ended")
+    (model,) = (made.out / repeated["runs"][0]).glob("model*.yaml")
+    assert model.read_text().startswith("name: mine\n"), "as on the page's Repeat"
+
+
 def test_a_run_goes_to_its_verdict_and_is_announced(settings):
     made, bearer = settings
     with served(made) as client:

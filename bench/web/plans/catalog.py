@@ -81,18 +81,25 @@ class Catalog:
         """
         found: dict[str, dict[str, Any]] = {}
         limits = self.limits()
-        for file in self.calibrations().values():
-            with contextlib.suppress(BenchError):
-                known = load_config(file, CalibrationPlan)
-                name = Path(known.limits).stem
-                belongs = {"limits": name if name in limits else "", "models": list(known.models)}
-                profile, verification = Path(known.profile).stem, Path(known.verification).stem
-                found.setdefault(profile, belongs | {"verification": verification})
-                found.setdefault(verification, belongs)
+        for _, known in self._plans():
+            name = Path(known.limits).stem
+            belongs = {"limits": name if name in limits else "", "models": list(known.models)}
+            profile, verification = Path(known.profile).stem, Path(known.verification).stem
+            found.setdefault(profile, belongs | {"verification": verification})
+            found.setdefault(verification, belongs)
         return found
 
+    def _plans(self) -> Iterator[tuple[Path, CalibrationPlan]]:
+        """Plans of calibrations that can be read, each with its file."""
+        for file in self.calibrations().values():
+            with contextlib.suppress(BenchError):
+                yield file, load_config(file, CalibrationPlan)
+
     def model(self, name: str) -> str:
-        """A model as `bench run --model` takes it: a file, or the name of an effect."""
+        """A model as `bench run --model` takes it: a file (also one beside a plan that names it), or an effect."""
+        for file, plan in self._plans():
+            if name in plan.models and (file.parent / name).is_file():
+                return str((file.parent / name).resolve())
         known = model_files(self.project)
         return name if name in effect_names() and name not in known else str(named(known, name, "model"))
 
