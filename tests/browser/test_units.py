@@ -102,6 +102,7 @@ def test_a_trend_is_over_the_readers_time_as_the_list_of_runs(page):
 def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.goto("/fleet?q=L")
     page.get_by_text("Different from their lot:").wait_for()
+    page.get_by_text("Each unit counts once, by its newest calibrated run").wait_for()
     assert page.get_by_label("Plan").locator("option").first.inner_text() == "the one most units ran: ramp"
     page.get_by_role("group", name="Angle random walk of 48 units").wait_for()
     page.locator(".main-svg").first.wait_for()

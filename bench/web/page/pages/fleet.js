@@ -44,7 +44,7 @@ function Headline({ fleet }) {
     <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantityWord(worst.name) : t("fleet.no_limits")} />
     <${Tile} what=${t("units.title")} value=${number(fleet.units, 0)} more=${t("fleet.units_more", { lots: fleet.lots, stations: fleet.stations })} />
     <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since_day", { day: day(fleet.first) })} />
-  </div>`;
+  </div><p class="soft small">${t("fleet.counts")}</p>`;
 }
 
 /** What a telephone shows of the capability. */
