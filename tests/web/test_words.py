@@ -330,6 +330,13 @@ def test_what_the_bench_says_in_english_is_written_as_the_page_writes_it() -> No
     ]
 
 
+def test_a_segment_that_is_held_is_not_told_as_a_soak() -> None:
+    ramp = {"kind": "ramp", "name": "ramp to -30 at 0.5", "target_degc": -30.0, "rate_degc_per_min": 0.5}
+    held = {"kind": "soak", "name": "hold", "target_degc": 23.0, "rate_degc_per_min": None}
+    told_of = spoken("pages/live/words.js", "segmentText", [ramp, held], "en")
+    assert told_of == ["ramp to −30\u00a0°C at 0.5\u00a0°C/min", "held at 23\u00a0°C"]
+
+
 def test_negative_numbers_have_the_minus_of_the_figures_and_nothing_else_has() -> None:
     given = ["chamber -47 °C (unit -46.5 °C), -40…-20", "`bench run -5`, GX-7 of 2026-11-28, 1e-05, ramp_-40_85.yaml"]
     assert spoken("lib/said.js", "signed", given, "en") == ["chamber −47 °C (unit −46.5 °C), −40…−20", given[1]]

@@ -14,7 +14,8 @@ export const stateWord = (run) => or(`live.state.${stateOf(run)}`, stateOf(run))
 export function segmentText(segment) {
   if (!segment) return "";
   const values = { degc: degrees(segment.target_degc, 0), rate: number(Math.abs(segment.rate_degc_per_min ?? 0)) };
-  return or(`segment.${segment.kind}`, segment.name).replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
+  const kind = segment.name === "hold" ? "hold" : segment.kind; // a hold of any segment is told as a soak
+  return or(`segment.${kind}`, segment.name).replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
 }
 
 /** Difference from the first estimate so far. */
