@@ -8,6 +8,8 @@ import pytest
 
 from bench.acquisition.run import control, remote
 from bench.acquisition.run.control import Desk
+from bench.base import hold
+from bench.record import StartRecord
 from bench.web.ground.settings import Settings
 from bench.web.live import watching
 from bench.web.live.finding import Finder, folder_of
@@ -210,6 +212,25 @@ def test_a_killed_run_stays_in_view_and_says_how_to_go_on(desk, folder, watcher,
     told = heard.runs[0].told()
     assert (told["condition"], told["state"], heard.ends) == ("gone", "gone", [])
     assert "`bench resume G-1/run` goes on with it" in told["detail"]
+
+
+def test_a_killed_run_that_is_about_to_go_on_has_not_ended_and_is_then_one_run(desk, folder, watcher, heard, tmp_path):
+    with live(desk, folder):
+        watcher.turn(0.0)
+        text = (folder / remote.LIVE).read_text()
+    (folder / remote.LIVE).write_text(text)
+    watcher.turn(2 * SILENT_S)
+    start = tmp_path / "own" / "starts" / "20261128T100000000000Z-1"
+    start.mkdir(parents=True)
+    StartRecord(start=start.name, started="2026-11-28T10:00:00+00:00", resumes="G-1/run").write(start)
+    with (start / "lock").open("wb") as lock:
+        hold(lock)  # its process lives
+        (folder / remote.LIVE).unlink()
+        watcher.turn(4 * SILENT_S)
+        assert ([watched.condition for watched in heard.runs], heard.ends) == (["gone"], [])
+        with live(desk, folder):
+            watcher.turn(6 * SILENT_S)
+            assert ([watched.condition for watched in heard.runs], heard.ends) == (["live"], [])
 
 
 def test_a_run_that_does_not_answer_is_silent_and_left_alone_for_a_while(folder, watcher, heard, monkeypatch):

@@ -32,6 +32,8 @@ class StartRecord(Record):
     limits: str | None = None
     who: dict[str, Any] = Field(default_factory=dict)
     started: str
+    resumes: str = ""
+    """Id of the run that it goes on with; empty for a new one."""
     runs: tuple[str, ...] = ()
     """Ids of the runs that its process made."""
     waiting: tuple[str, ...] = ()

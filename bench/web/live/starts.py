@@ -154,6 +154,7 @@ class Starts:
                 limits=order.limits.stem if order.limits else None,
                 who=dict(order.who),
                 started=datetime.now(UTC).isoformat(timespec="milliseconds"),
+                resumes="/".join(order.resumes.parts[-2:]) if order.resumes else "",
                 runs=(),
                 waiting=tuple(order.arguments(self._out)),
                 files={str(file): _digest(file) for file in order.files()},
@@ -313,6 +314,10 @@ class Starts:
     def of_run(self, run: str) -> dict[str, Any] | None:
         """The newest start that made this run."""
         return next((told for told in self.listed() if run in told["runs"]), None)
+
+    def resuming(self, runs: Sequence[str]) -> bool:
+        """Whether a process is about to go on with one of these runs, whose `live.json` it has removed."""
+        return any(told["state"] == "starting" and told["resumes"] in runs for told in self.listed())
 
     def _folders(self) -> list[Path]:
         with contextlib.suppress(FileNotFoundError):

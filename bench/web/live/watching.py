@@ -203,8 +203,9 @@ class Watcher:
                     _log.exception("the files of %s", run.path)
                     continue
             found[run.file.token] = watched
-        # A run without its file stays until it was asked and its end was read.
-        gone = {token: watched for token, watched in known.items() if token not in found}
+        # A run without its file stays until it was asked and its end was read, or it goes on in another process.
+        on = {one for watched in found.values() for one in watched.runs}
+        gone = {token: one for token, one in known.items() if token not in found and not on & {*one.runs}}
         self._watched = {**gone, **found}
 
     def _ask(self, watched: Watched, now_s: float) -> None:
@@ -232,7 +233,7 @@ class Watcher:
             return None
         if (end := story.ending(watched.live)) is None:
             watched.killed = file.exists()
-            if watched.killed:
+            if watched.killed or self._starts.resuming(watched.runs):
                 return None
             end = story.told([])
         return {**_head(watched), **end, **story.verdicts(watched.live.folders)} | {"analysing": True}

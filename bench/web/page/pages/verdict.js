@@ -74,8 +74,8 @@ export default function Verdict({ params }) {
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} kind=${kind} of=${units.length > 1 && shown.unit} />`}
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
-      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2><p>${some}${t(next(word, end, answer), { n })}</p></section>
-      ${run?.runs && !run.job && end.cause?.startsWith(KILLED) && html`<${GoOn} run=${end.run} />`}
+      <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
+        ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : html`<p>${some}${t(next(word, end, answer), { n })}</p>`}</section>
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
     </div>
   </article>`;

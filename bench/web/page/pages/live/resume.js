@@ -4,24 +4,29 @@ import { url } from "../../lib/api.js";
 import { Busy, Trouble } from "../../lib/parts.js";
 import { navigate } from "../../lib/router.js";
 import { startRun } from "../../lib/starts.js";
-import { may } from "../../lib/store.js";
+import { may, store, useStore } from "../../lib/store.js";
 import { t } from "../../lib/words.js";
 import { operatorOf } from "../start/operator.js";
 
+/** Why a run could not go on: it has an end then, and is shown on another page. */
+const refused = store(/** @type {{run?: string, error?: any}} */ ({}));
+
 export function GoOn({ run }) {
-  const [state, setState] = useState(/** @type {{busy?: boolean, error?: any}} */ ({}));
+  const [busy, setBusy] = useState(false);
+  const why = useStore(refused);
   if (!may("operator")) return null;
   const resume = async () => {
-    setState({ busy: true });
+    setBusy(true);
+    refused.set({});
     try {
       const [unit, folder] = run.split("/");
       navigate(`/live/${await startRun(url`/runs/${unit}/${folder}/resume`, operatorOf())}`);
-      setState({});
     } catch (error) {
-      setState({ error });
+      refused.set({ run, error });
     }
+    setBusy(false);
   };
-  return html`<div class="stack"><${Trouble} error=${state.error} />
-    <div class="row"><button type="button" class="go" disabled=${state.busy} onClick=${resume}>${t("actions.resume")}</button>
-      ${state.busy ? html`<${Busy}>${t("ready.starting_long")}<//>` : html`<span class="soft">${t("live.cut_off")}</span>`}</div></div>`;
+  return html`<div class="stack"><${Trouble} error=${why.run === run ? why.error : null} />
+    <div class="row"><button type="button" class="go" disabled=${busy} onClick=${resume}>${t("actions.resume")}</button>
+      ${busy ? html`<${Busy}>${t("ready.starting_long")}<//>` : html`<span class="soft">${t("live.cut_off")}</span>`}</div></div>`;
 }
