@@ -215,9 +215,12 @@ def test_a_killed_run_stays_in_view_and_says_how_to_go_on(desk, folder, watcher,
 
 
 def test_a_killed_run_that_is_about_to_go_on_has_not_ended_and_is_then_one_run(desk, folder, watcher, heard, tmp_path):
+    other, runs = folder.parents[1] / "G-2" / "run", ["G-1/run", "G-2/run"]
+    other.mkdir(parents=True)
     with live(desk, folder):
-        watcher.turn(0.0)
         text = (folder / remote.LIVE).read_text()
+        (other / remote.LIVE).write_text(text)
+        watcher.turn(0.0)
     (folder / remote.LIVE).write_text(text)
     watcher.turn(2 * SILENT_S)
     start = tmp_path / "own" / "starts" / "20261128T100000000000Z-1"
@@ -227,10 +230,11 @@ def test_a_killed_run_that_is_about_to_go_on_has_not_ended_and_is_then_one_run(d
         hold(lock)  # its process lives
         (folder / remote.LIVE).unlink()
         watcher.turn(4 * SILENT_S)
-        assert ([watched.condition for watched in heard.runs], heard.ends) == (["gone"], [])
+        assert ([(watched.condition, watched.runs) for watched in heard.runs], heard.ends) == ([("gone", runs)], [])
         with live(desk, folder):
+            (other / remote.LIVE).write_text((folder / remote.LIVE).read_text())
             watcher.turn(6 * SILENT_S)
-            assert ([watched.condition for watched in heard.runs], heard.ends) == (["live"], [])
+            assert ([(watched.condition, watched.runs) for watched in heard.runs], heard.ends) == ([("live", runs)], [])
 
 
 def test_a_run_that_does_not_answer_is_silent_and_left_alone_for_a_while(folder, watcher, heard, monkeypatch):

@@ -196,7 +196,8 @@ class Watcher:
         found: dict[str, Watched] = {}
         for run in self._finder.look():
             watched = known.get(run.file.token)
-            if watched is None or watched.live.folders != run.folders:
+            # On its way to go on, a run of several units has no file in some of their folders.
+            if watched is None or (watched.live.folders != run.folders and not self._starts.resuming(watched.runs)):
                 try:
                     watched = Watched(run, self._starts.saw(run.file.pid, ids(run.folders)))
                 except Exception:  # a problem with the files of this run must not hide the others
