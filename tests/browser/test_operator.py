@@ -382,6 +382,10 @@ def test_a_run_that_was_cut_off_is_resumed_in_the_page(bench, visitors):
     resume = page.get_by_role("button", name="Resume")
     resume.wait_for()
     picture(page, "live-cut-off")
+    other = visitors.come(bench.site.address)
+    other.goto("/")
+    other.get_by_role("link", name="Live 1").wait_for()
+    assert not other.locator(".already").count(), "nothing goes on"
     resume.click()
     page.get_by_role("button", name="Hold now").wait_for()
     assert page.url.endswith(f"/live/{run}")

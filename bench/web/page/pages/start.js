@@ -160,9 +160,9 @@ function Neighbours({ now, station, answer }) {
   </fieldset>`;
 }
 
-/** Links to the live runs. */
+/** Links to the live runs; one that was cut off does not go on. */
 function Already() {
-  const runs = useLive((now) => now.runs);
+  const runs = useLive((now) => now.runs).filter(({ condition }) => condition !== "gone");
   if (!runs.length) return null;
   return html`<p class="already"><a class="button" href=${runs.length === 1 ? `/live/${runs[0].run}` : "/live"}>
     <${Shape} tone="link" /> ${t("start.already", { n: runs.length, units: runs.flatMap((run) => run.units?.map((unit) => unit.serial) ?? [run.unit]).join(", ") })}
