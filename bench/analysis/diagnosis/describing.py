@@ -49,6 +49,7 @@ _LIKE = (
     ("tanh(lag(", "like a part or a loop that reaches its limits"),
     ("play(total(", "like an integrator that runs into its limits"),
     ("lag(tanh((temperature", "like a change of state at one temperature that takes its time"),
+    ("lag(above(temperature", "like what gives way above a temperature and recovers: softening, released gas"),
     ("/(1 + ((frequency", "like a mode of the package that the frequency of the drive meets"),
     ("sawtooth(", "like a correction in steps of temperature, a converter, or a light source that hops between modes"),
     ("above(chamber_temperature - lag(chamber_temperature", "like the chamber's heater: its current or its field"),
