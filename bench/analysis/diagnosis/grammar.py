@@ -308,8 +308,8 @@ class Grammar:
             *(self._beyond("temperature", sign, words) for sign, words in (("+", "above"), ("-", "below"))),
             _SLOPE,
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
-            Block("(1 + direction)", "heating", ""),
-            Block("(1 - direction)", "cooling", ""),
+            Block("(1 + direction)", "heating (half at rest)", ""),
+            Block("(1 - direction)", "cooling (half at rest)", ""),
             *_ONE_WAY,
             Block("time", "time", "s"),
         ]  # fmt: skip
