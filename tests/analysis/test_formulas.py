@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from bench.analysis.diagnosis.blocks import Block, Formula
 from bench.analysis.diagnosis.describing import Describer, _judged, _physics
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.proof import LeftOut
@@ -275,6 +277,24 @@ def test_what_a_channel_does_while_the_unit_is_heated_alone_is_told_from_what_it
     assert re.search(r"above\(direction\)", best.formula), best.formula
     assert "(1 + direction)" not in best.formula
     assert best.proof.proved
+
+
+@pytest.mark.parametrize(
+    ("text", "theta", "open_"),
+    [
+        ("lag(tanh((temperature - {centre})/{width}), {tau_s})", (50.0, 0.5, 20.0), ()),
+        ("lag(tanh((temperature - {centre})/{width}), {tau_s})", (50.0, 3.0, 2000.0), ("tau_s",)),
+        ("exp(-((temperature - {centre})/{width})**2)", (50.0, 0.5), ("width",)),
+        ("tanh(dT_dt/{limit})", (0.1,), ()),
+    ],
+)
+def test_what_is_as_sharp_or_as_fast_as_is_searched_is_determined(text, theta, open_):
+    """A step within a row, or a lag of less, is none; a window of one row and a lag of the whole run are not determined."""
+    names = re.findall(r"\{(\w+)\}", text)
+    ends = {"centre": (0.0, 100.0), "width": (0.5, 50.0), "tau_s": (20.0, 2000.0), "limit": (0.1, 10.0)}
+    block = Block(text, "what is tried", "", tuple((name, ends[name]) for name in names))
+    found = FoundFormula(Formula((block,)), theta, 20.0, (0, 0), *[np.zeros(1)] * 5)
+    assert found.undetermined == open_
 
 
 def test_the_formula_that_a_check_run_proves_against_another_comes_first():

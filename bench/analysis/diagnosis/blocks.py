@@ -17,6 +17,8 @@ _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
 _WIDTHS = (0.0056, 0.012, 0.024, 0.048, 0.096, 0.2)  # of a play, over the range of what it follows
 
 _MEMORY, _OF = ", {tau_s})", "the memory of "
+_NEXT_TO_NOTHING = {"tau_s", "rise_s", "fall_s", "memory_s", "late_s", "limit", "soft"}
+"""Parameters whose lower bound stands for none at all: what follows at once, a sign, a sharp edge."""
 
 Bounds = tuple[float, float]
 
@@ -159,6 +161,17 @@ class Formula:
         """Bounds of its parameters by their names."""
         pairs = (bounds for block in self.blocks for _, bounds in block.bounds)
         return dict(zip(self.names, pairs, strict=True))
+
+    @property
+    def vanishing(self) -> tuple[bool, ...]:
+        """Of each parameter whether its lower bound stands for none at all; so does the width of a step, not that of a
+        window or a play.
+        """
+        return tuple(
+            name in _NEXT_TO_NOTHING or (name == "width" and "tanh(" in block.text)
+            for block in self.blocks
+            for name, _ in block.bounds
+        )
 
     @property
     def jagged(self) -> bool:

@@ -406,7 +406,7 @@ def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Pro
     """What depends on the time since the start of the only run is interpolated into a leg left out: no proof of it. Nor
     is what is not determined, as for named effects.
     """
-    stuck = next((name for part in parts for name in part.on_bound), "")
+    stuck = next((name for part in parts for name in part.undetermined), "")
     if stuck:
         return replace(proof, doubt=f"{stuck} is on its bound: not determined")
     if proof.by == "check" or len(layout.rows.time) > 1:

@@ -52,6 +52,13 @@ class FoundFormula:
         return tuple(parameter.name for parameter, value in pairs if parameter.on_bound(value))
 
     @property
+    def undetermined(self) -> tuple[str, ...]:
+        """Those of them that are not next to nothing: a lag that is shorter than the rows is determined."""
+        given = zip(self.formula.parameters, self.theta, self.formula.vanishing, strict=True)
+        nothing = {p.name for p, value, vanishing in given if vanishing and 2.0 * value < p.low + p.high}
+        return tuple(name for name in self.on_bound if name not in nothing)
+
+    @property
     def sized(self) -> bool:
         """Whether the data know its size."""
         return sized(self.amplitudes, self.covariance) > 1.0
