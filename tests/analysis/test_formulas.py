@@ -289,7 +289,7 @@ def test_what_a_channel_does_while_the_unit_is_heated_alone_is_told_from_what_it
     ],
 )
 def test_what_is_as_sharp_or_as_fast_as_is_searched_is_determined(text, theta, open_):
-    """A step within a row, or a lag of less, is none; a window of one row and a lag of the whole run are not determined."""
+    """A step or a lag within a row is none; a window of one row and a lag of the whole run are not determined."""
     names = re.findall(r"\{(\w+)\}", text)
     ends = {"centre": (0.0, 100.0), "width": (0.5, 50.0), "tau_s": (20.0, 2000.0), "limit": (0.1, 10.0)}
     block = Block(text, "what is tried", "", tuple((name, ends[name]) for name in names))

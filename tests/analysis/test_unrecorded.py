@@ -119,7 +119,7 @@ def test_an_effect_on_the_bound_of_its_time_constant_gives_way_to_a_formula_that
 
 def test_a_formula_with_a_parameter_on_its_bound_is_not_proved_like_an_effect():
     proof = Proof("check", 0.2, 0.11, 5.0)
-    (stuck, free) = (SimpleNamespace(on_bound=names, period_s=0.0) for names in (("tau_s",), ()))
+    (stuck, free) = (SimpleNamespace(undetermined=names, period_s=0.0) for names in (("tau_s",), ()))
     assert _doubted(proof, None, [free, stuck]).words.endswith("but tau_s is on its bound: not determined")
     assert (_doubted(proof, None, [free, stuck]).proved, _doubted(proof, None, [free]).proved) == (False, True)
 
