@@ -120,7 +120,7 @@ class Grammar:
             Block("abs(dT_dt)", "|dT/dt|", "degC/min"),
             Block("above(dT_dt)", "dT/dt of heating alone", "degC/min"),
             Block("above(-dT_dt)", "dT/dt of cooling alone", "degC/min"),
-            Block("dT_dt**2", "(dT/dt)^2", "(degC/min)^2"),
+            Block("dT_dt**2", "the square of dT/dt", "(degC/min)^2"),
             *_ONE_WAY,
             replace(lagged("dT_dt", "dT/dt", "degC/min", self.ranges.length_s), most=self.ranges.fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
