@@ -294,6 +294,34 @@ def test_that_the_server_does_not_answer_is_not_said_any_more_when_it_answers(be
         window.get_by_text("the data shown are old").wait_for(state="detached")
 
 
+RETRIED_MS, SILENT_MS = 2000, 12_000
+TRIES = SILENT_MS // RETRIED_MS + 1
+
+
+def test_after_a_long_time_without_a_server_both_tabs_stay_connected_again(project, tmp_path, visitors):
+    with site_over(tmp_path, project=project) as site:
+        tabs = [visitors.come(site.address) for _ in range(2)]
+        for tab in tabs:
+            visitors.may_lose_the_server(tab)
+            tab.clock.install()
+            tab.goto("/units")
+            tab.get_by_role("heading", name="Units").wait_for()
+        site.end()
+        for tab in tabs:
+            tab.get_by_text("the data shown are old").wait_for()
+            for _ in range(TRIES):
+                with tab.expect_event("requestfailed"):
+                    tab.clock.run_for(RETRIED_MS)
+        site.start()
+        for tab in tabs:
+            tab.clock.run_for(RETRIED_MS)
+            tab.get_by_text("the data shown are old").wait_for(state="detached")
+            asked = []
+            tab.on("request", lambda request, asked=asked: asked.append(request.url))
+            tab.clock.run_for(SILENT_MS / 2)  # the tries of before are over: none of them ends this connection
+            assert asked == []
+
+
 def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(project, tmp_path, visitors):
     with site_over(tmp_path, project=project) as site:
         page = visitors.come(site.address)

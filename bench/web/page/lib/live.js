@@ -6,7 +6,7 @@ import { Trace } from "./trace.js";
 
 const STREAM = "/api/v1/live/stream";
 const LINGER_MS = 4000;
-const RETRY_MS = [500, 1000, 2000, 5000];
+const RETRY_MS = [500, 1000, 2000];
 /** After this time without a message the connection counts as lost; the server sends one at least every few seconds. */
 const SILENT_MS = 12000;
 const ENDED_KEPT = 20;
@@ -21,9 +21,14 @@ let source = null;
 let tries = 0;
 const timers = { linger: 0, retry: 0, silent: 0 };
 
-function received(change) {
+/** One timer for the connection of now: that of an earlier one would end a connection that is well. */
+function expect() {
   clearTimeout(timers.silent);
   timers.silent = setTimeout(lost, SILENT_MS);
+}
+
+function received(change) {
+  expect();
   tries = 0;
   live.set((now) => ({ ...now, connected: true, heard_ms: Date.now(), ...change }));
 }
@@ -32,6 +37,7 @@ function received(change) {
 const unheard = (run) => (run.condition === "live" ? { ...run, condition: "unheard" } : run);
 
 function lost() {
+  clearTimeout(timers.silent);
   source?.close();
   source = null;
   live.set((now) => (now.connected === false ? now : { ...now, connected: false, runs: now.runs.map(unheard) }));
@@ -81,7 +87,7 @@ function open() {
   source.addEventListener("ended", takeEnded);
   source.addEventListener("beat", () => received({}));
   source.onerror = lost;
-  timers.silent = setTimeout(lost, SILENT_MS);
+  expect();
 }
 
 /** Keep the stream open until the returned function is called; closed shortly after the last user has gone. */
@@ -108,6 +114,5 @@ export function useLive(select) {
   return useStore(live, select);
 }
 
-addEventListener("online", () => {
-  if (!source) open();
-});
+// A browser slows the timers of a page that is not seen.
+for (const event of ["online", "visibilitychange"]) addEventListener(event, open);
