@@ -472,6 +472,23 @@ def test_a_label_that_was_scanned_twice_is_one_unit(site, visitors):
     assert page.locator(".steps strong").first.inner_text() == "GX-77"
 
 
+def test_after_the_choice_of_a_serial_number_by_keyboard_the_next_question_has_the_focus(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/")
+    page.get_by_label("Serial number").wait_for()
+    page.keyboard.type("GX-77GX-77\n")
+    page.get_by_role("button", name="GX-77", exact=True).press("Enter")
+    page.get_by_role("heading", name="GX-77 is new").and_(page.locator(":focus")).wait_for()
+    page.keyboard.press("Tab")
+    page.get_by_role("button", name=re.compile("^Slot of")).first.and_(page.locator(":focus")).press("Enter")
+    page.get_by_role("button", name=re.compile("^Calibration, −40 to 85")).press("Enter")
+    page.locator("button.giant:focus").wait_for()
+    page.get_by_label(re.compile("^Serial number in the slot of")).first.fill("GX-78GX-78")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="GX-78", exact=True).press("Enter")
+    page.locator("button.giant:focus").wait_for()
+
+
 def test_slots_ask_which_number_is_meant_and_go_on(site, visitors):
     page = visitors.come(site[0])
     page.goto("/")

@@ -163,6 +163,19 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     page.get_by_role("cell", name="Import: лог-7").wait_for()
 
 
+def test_a_label_that_was_scanned_twice_is_asked_about_before_an_import(page, tmp_path, folder):
+    page.goto("/import")
+    rows = "".join(f"{t},{25 + t / 100},{t % 7}\n" for t in range(500))
+    (tmp_path / "run.csv").write_text(f"time [s],temperature [degC],rate [deg/h]\n{rows}")
+    page.locator("input[type=file]").set_input_files(str(tmp_path / "run.csv"))
+    page.get_by_label("Serial number of the unit").fill("GX-7GX-7")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="GX-7", exact=True).press("Enter")
+    page.get_by_role("heading", name="Imported").and_(page.locator(":focus")).wait_for()
+    assert list(folder.glob("GX-7/*/manifest.json"))
+    assert not list(folder.glob("GX-7GX-7/*"))
+
+
 def test_the_first_values_of_a_long_time_differ(page, tmp_path):
     rows = [f"{1_700_000 - i},{25 + 0.01 * i},{5 + 0.1 * (i % 7)}" for i in range(500)]
     (tmp_path / "old.csv").write_text("\n".join(["time [s],temperature [degC],rate [deg/h]", *rows]))

@@ -5,6 +5,8 @@ import { Busy, Lamp, TextField, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { asGiven, channelWord, duration, number, sign, symbols, t } from "../lib/words.js";
+import { repeated } from "../lib/units.js";
+import { Doubled } from "./start/slots.js";
 import { Chart } from "./stock/chart.js";
 import { useGet } from "./stock/parts.js";
 
@@ -127,7 +129,9 @@ function Understood({ shown, kinds, choice, change, busy }) {
 
 function Done({ result, again }) {
   const [unit] = result.run.split("/");
-  return html`<div class="panel stack"><h2><${Lamp} tone="good">${t("import.done")}<//></h2><p class="mono">${result.run}</p>
+  const heading = useRef(null);
+  useEffect(() => heading.current.focus(), []);
+  return html`<div class="panel stack"><h2 tabindex="-1" ref=${heading}><${Lamp} tone="good">${t("import.done")}<//></h2><p class="mono">${result.run}</p>
     ${result.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} whole /></p></div>`)}
     <div class="row"><a class="button primary" href=${`/workbench?run=${encodeURIComponent(result.run)}`}>${t("verdict.workbench")}</a>
       <a class="button" href=${`/units/${encodeURIComponent(unit)}`}>${t("import.to_unit", { unit })}</a>
@@ -138,7 +142,10 @@ export default function Import() {
   const { data: kinds, error, again: list } = useGet("/imports");
   const [state, setState] = useState(/** @type {any} */ ({ step: "drop" }));
   const [choice, setChoice] = useState({});
+  const { data: places } = useGet("/stations");
   const [unit, setUnit] = useState("");
+  const [doubled, setDoubled] = useState("");
+  const field = useRef(null);
   const turn = useRef(0);
   const merge = (more) => setState((now) => ({ ...now, ...more }));
   const place = state.id && url`/imports/${state.id}`;
@@ -182,11 +189,16 @@ export default function Import() {
       if (turn.current === ticket) merge({ busy: false, error: trouble });
     }
   }
-  async function make(event) {
-    event.preventDefault();
+  /** Import as the run of this unit, once its serial number is `meant`. */
+  async function make(serial, meant = false) {
+    const single = meant ? "" : repeated(serial, (places?.stations ?? []).flatMap((station) => station.units));
+    setDoubled(single);
+    if (single) return;
+    setUnit(serial);
+    field.current.focus();
     merge({ making: true, error: null });
     try {
-      const { job } = await post(place, { unit, columns: columnsOf(choice) });
+      const { job } = await post(place, { unit: serial, columns: columnsOf(choice) });
       setState({ step: "done", result: await finished(job) });
     } catch (trouble) {
       merge({ making: false, error: trouble });
@@ -216,11 +228,18 @@ export default function Import() {
     ${kinds && may("engineer") && state.step === "drop" && html`<${Drop} kinds=${kinds} take=${take} refused=${state.error} /><${Waiting} kinds=${kinds} goOn=${goOn} giveUp=${giveUp} />`}
     ${["sending", "reading"].includes(state.step) && html`<section class="st-drop"><h2>${state.file}</h2><${Busy}>${t(`import.${state.step}`)}<//><button onClick=${again}>${t("import.give_up")}</button></section>`}
     ${state.step === "look" && html`<div class="row spread"><p><b>${state.file}</b> <span class="soft">${t("import.rows", { n: state.shown.rows })}</span></p><button class="narrow" onClick=${again}>${t("import.give_up")}</button></div>
-      <form class="panel row" onSubmit=${make}>
+      <form class="panel row" onSubmit=${(event) => {
+        event.preventDefault();
+        make(unit);
+      }}>
         <label for="unit">${t("import.serial")}</label>
-        <input id="unit" required maxlength="64" autocomplete="off" aria-invalid=${wrong ? "true" : undefined} aria-describedby="unit-hint" value=${unit} onInput=${(event) => setUnit(event.target.value.trim())} />
+        <input id="unit" ref=${field} required maxlength="64" autocomplete="off" aria-invalid=${wrong ? "true" : undefined} aria-describedby="unit-hint" value=${unit} onInput=${(event) => {
+          setDoubled("");
+          setUnit(event.target.value.trim());
+        }} />
         <button class="primary" disabled=${!state.shown.understood || state.busy || state.making || !unit || wrong}>${t(state.making ? "import.making" : "import.make")}</button>
         <span id="unit-hint" class=${wrong ? "tone-bad" : "soft"}>${t(wrong ? "import.serial_wrong" : "import.serial_hint")}</span></form>
+      <div aria-live="assertive">${doubled && html`<${Doubled} serial=${unit} single=${doubled} take=${(serial) => make(serial, true)} />`}</div>
       <${Trouble} error=${state.error} />
       <${Understood} shown=${state.shown} kinds=${kinds} choice=${choice} change=${change} busy=${state.busy} />`}
     ${state.step === "done" && html`<${Done} result=${state.result} again=${again} />`}

@@ -155,7 +155,10 @@ function Neighbours({ now, station, answer }) {
       <input type="checkbox" aria-label=${slot} checked=${Boolean(of(slot))} disabled=${now.units.length === 1 && of(slot)} onChange=${() => put(slot, of(slot) ? null : slot)} />
       <${TextField} class="mono" aria-label=${t("start.serial_in", { slot })} value=${serialOf(of(slot) ?? slot)} maxlength="64" onGiven=${(serial) => put(slot, inSlot(serial, slot))} /></div>`)}
     <div aria-live="assertive">${wrong && html`<p class="tone-bad small">${wrong}</p>`}
-      ${doubled.slot && html`<${Doubled} serial=${doubled.serial} single=${repeated(doubled.serial, station.units)} take=${(serial) => put(doubled.slot, inSlot(serial, doubled.slot), true)} />`}</div>
+      ${doubled.slot && html`<${Doubled} serial=${doubled.serial} single=${repeated(doubled.serial, station.units)} take=${(serial) => {
+        put(doubled.slot, inSlot(serial, doubled.slot), true);
+        document.getElementById("question").focus(); // START takes it from there
+      }} />`}</div>
     ${!all && html`<button type="button" class="narrow" onClick=${() => answer({ units: station.units.map((slot) => of(slot) ?? slot) })}>${t("start.all_units", { n: station.units.length })}</button>`}
   </fieldset>`;
 }

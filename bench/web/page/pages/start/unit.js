@@ -20,6 +20,7 @@ export function UnitQuestion({ stations, last, answer }) {
   const [asked, setAsked] = useState(null);
   const [wrong, setWrong] = useState("");
   const [doubled, setDoubled] = useState({ serial: "", single: "" });
+  const [chosen, setChosen] = useState("");
   const [long, setLong] = useState(false);
   const [filling, setFilling] = useState(null);
   const sound = stations.filter((station) => !station.problem);
@@ -38,8 +39,11 @@ export function UnitQuestion({ stations, last, answer }) {
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
     <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}
-      ${doubled.single && html`<${Doubled} ...${doubled} take=${(serial) => take(serial, true)} />`}</div>
-    ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
+      ${doubled.single && html`<${Doubled} ...${doubled} take=${(serial) => {
+        take(serial, true);
+        setChosen(serial);
+      }} />`}</div>
+    ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} chosen=${wrong === chosen} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
     <div class="stations" hidden=${Boolean(wrong)}>
       ${sound.map((station) => html`<${Place} key=${station.id} station=${station}>
         ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
@@ -58,10 +62,12 @@ function Place({ station, children }) {
   </section>`;
 }
 
-/** The slots for a new unit, those of the station that was used last first. */
-function Slots({ stations, last, serial, answer }) {
+/** The slots for a new unit, those of the station that was used last first; they are next where the serial number was `chosen`. */
+function Slots({ stations, last, serial, chosen, answer }) {
+  const heading = useRef(null);
+  useEffect(() => chosen && heading.current.focus(), []);
   const sorted = [...stations].sort((one, other) => Number(other.id === last) - Number(one.id === last));
-  return html`<h2>${t("start.slots", { serial })}</h2>
+  return html`<h2 tabindex="-1" ref=${heading}>${t("start.slots", { serial })}</h2>
     <div class="stations">${sorted.map((station) => html`<${Place} key=${station.id} station=${station}>
       ${station.units.map((slot) => html`<button type="button" key=${slot} class="mono" onClick=${() => answer({ units: [inSlot(serial, slot)], station: station.id })}>${t("start.slot", { slot })}</button>`)}
     <//>`)}</div>`;
