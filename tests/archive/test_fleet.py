@@ -9,6 +9,7 @@ from scipy import sparse, stats
 
 from bench.archive.fleet import statistics as judging
 from bench.archive.fleet import units as reading
+from bench.archive.fleet.board import overview
 from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
@@ -307,6 +308,36 @@ def test_verdicts_of_the_reports_count_without_limits(tmp_path):
     bench("registry", "rebuild", "--out", root)
     found = json.loads(bench("fleet", "--out", root, "--json").stdout)
     assert (found["yield"]["judged"], found["yield"]["first"]) == (2, 1)
+
+
+def test_values_of_a_run_that_must_not_be_judged_move_nothing(tmp_path):
+    root, limits = tmp_path / "reports", tmp_path / "limits.yaml"
+    limits.write_text(LIMITS)
+
+    def told():
+        bench("registry", "rebuild", "--out", root)
+        return json.loads(bench("fleet", "--out", root, "--limits", limits, "--json").stdout)
+
+    line(root, 24)
+    before = told()
+    folder = station(root, "L0-0024", "station-A", 5.0, residual=9.0, walk=0.4)
+    keep(folder, "limits.json", {"name": "line", "verdict": "INVALID", "results": []})
+    after = told()
+    assert (after["yield"]["judged"], after["yield"]["unjudged"]) == (24, 1)
+    for part in ("quantities", "drifts", "shifts", "unlike"):
+        assert after[part] == before[part]
+
+
+def test_a_quantity_of_earlier_runs_only_has_no_mean(tmp_path):
+    station(tmp_path, "A-1", "one", 0.0, residual=0.1)
+    folder = station(tmp_path, "A-1", "one", 1.0, residual=0.1)
+    content = json.loads((folder / "calibration.json").read_text())
+    keep(folder, "calibration.json", {**content, "noise": {"coefficients": []}})
+    bench("registry", "rebuild", "--out", tmp_path)
+    with open_registry(tmp_path / FILE) as registry:
+        found = {one["name"]: one["mean"] for one in overview(statistics(fleet_of(registry)))["quantities"]}
+    assert found["residual_rms_dph"] == pytest.approx(0.1)
+    assert found["noise_floor_dph"] is None
 
 
 def test_imported_units_are_one_fleet_whatever_their_tables_were_called(tmp_path):

@@ -26,7 +26,7 @@ def overview(found: Statistics) -> Found:
     newest = found.fleet.newest
     content = found.to_json()
     for one, measured in zip(content["quantities"], found.measured, strict=True):
-        one["mean"] = float(np.mean(measured.values))
+        one["mean"] = float(np.mean(measured.values)) if measured.values.size else None
         one["signals"] = len(measured.chart.signals) if measured.chart else None
         one["capable"] = None if measured.capability is None else bool(measured.capability.ppk >= GOOD_CPK)
         one.pop("chart")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,7 +20,7 @@ from bench.archive.fleet.groups import Coded, ObjectArray
 from bench.archive.fleet.shifts import ControlChart, Shift, charts_for, latest, shifts
 from bench.archive.fleet.units import Fleet, decided, good, words
 from bench.archive.fleet.unlike import Odd, unlike
-from bench.base import FloatArray, IntArray, finite, shared, usual_workers
+from bench.base import BoolArray, FloatArray, IntArray, finite, shared, usual_workers
 
 SHARE = 0.9
 """Share of the units that must have a quantity for it to be part of the distance."""
@@ -32,7 +32,7 @@ _MANY = 50_000
 class Yield:
     """Number of judged units, and of those that passed at the first attempt and with their newest run.
 
-    A unit whose newest run is INVALID is not judged: `unjudged` counts such units.
+    A unit whose newest run is INVALID is not judged: `unjudged` counts such units. Its values count nowhere.
     """
 
     judged: int
@@ -50,7 +50,7 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One quantity over the fleet: the rows with a value, limits, capability, chart."""
+    """One quantity over the fleet: the rows whose value counts, limits, capability, chart."""
 
     name: str
     unit: str
@@ -130,7 +130,10 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
     verdicts = tuple(words(fleet.newest, limits).tolist())
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
-    measured = tuple(_measured(fleet, name, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
+    wanted = [limit.subject for limit in limits.limits if limit.required] if limits else []
+    missing = tuple(quantity for quantity in wanted if quantity not in fleet.units)
+    counts = _counting(verdicts, missing)
+    measured = tuple(_measured(fleet, name, counts, *bounds.get(name, (None, None))) for name in sorted(fleet.units))
     charts = charts_for(sum(one.values.size for one in measured if one.chart is not None))
     place = fleet.newest.time_s, fleet.stations, fleet.lots
     # The quantities are judged apart, by as many processes as there are processors: a million units take half a minute.
@@ -138,13 +141,13 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
     moves = shared(tasks, usual_workers() if len(fleet.newest) > _MANY else 1)
     found = [drift for drifting, _ in moves for drift in drifting]
     moved = [shift for _, shifting in moves for shift in shifting]
-    whole = [one for one in measured if one.values.size >= SHARE * len(fleet.newest) and one.chart is not None]
-    table = np.column_stack([fleet.column(one.name) for one in whole]) if whole else np.zeros((len(fleet.newest), 0))
+    whole = [one for one in measured if one.values.size >= SHARE * int(counts.sum()) and one.chart is not None]
+    table = np.full((len(fleet.newest), len(whole)), np.nan)
+    for column, one in enumerate(whole):
+        table[one.rows, column] = one.values
     distances, odd = unlike(table, [one.name for one in whole], fleet.lots)
     name = limits.name if limits else None
     passes = _yield(fleet, limits, verdicts)
-    wanted = [limit.subject for limit in limits.limits if limit.required] if limits else []
-    missing = tuple(quantity for quantity in wanted if quantity not in fleet.units)
     return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing,
                       tuple(sorted(moved, key=lambda one: one.since)), charts)  # fmt: skip
 
@@ -174,9 +177,17 @@ def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) 
     return Yield(count, passed, final, proportion(passed, count), unjudged)
 
 
-def _measured(fleet: Fleet, name: str, lower: float | None, upper: float | None) -> Measured:
+def _counting(verdicts: Sequence[str | None], missing: Sequence[str]) -> BoolArray:
+    """Whether the values of each unit (n,) count: not those of a run that must not be judged.
+
+    Where the limits require what is `missing` in every run, no unit is judged, and the runs are as good as they were.
+    """
+    return np.array([bool(missing) or word is None or decided(word) for word in verdicts], dtype=bool)
+
+
+def _measured(fleet: Fleet, name: str, counts: BoolArray, lower: float | None, upper: float | None) -> Measured:
     column = fleet.column(name)
-    rows = np.flatnonzero(np.isfinite(column))
+    rows = np.flatnonzero(np.isfinite(column) & counts)
     values = column[rows]
     able = capability(values, lower, upper)
     return Measured(name, fleet.units[name], rows, values, lower, upper, able, chart(values))
