@@ -400,6 +400,9 @@ def test_two_browsers_see_the_same(bench, visitors):
     other.wait_for_url(f"**/verdict/{run}")
 
 
+CUT_OFF = "The run was interrupted: its process has ended. Look at the chamber."
+
+
 def test_a_run_that_was_cut_off_is_resumed_in_the_page(bench, visitors):
     run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
     page = visitors.come(bench.site.address)
@@ -409,6 +412,7 @@ def test_a_run_that_was_cut_off_is_resumed_in_the_page(bench, visitors):
     os.kill(json.loads((bench.out / ".web" / "starts" / start / "start.json").read_text())["pid"], signal.SIGKILL)
     resume = page.get_by_role("button", name="Resume")
     resume.wait_for()
+    assert page.locator(".notice.bad").inner_text() == CUT_OFF, "no command beside the button"
     picture(page, "live-cut-off")
     other = visitors.come(bench.site.address)
     other.goto("/")

@@ -5,7 +5,7 @@ import { Dialog, Trouble } from "../../lib/parts.js";
 import { may } from "../../lib/store.js";
 import { sign, t } from "../../lib/words.js";
 import { operatorOf } from "../start/operator.js";
-import { GoOn } from "./resume.js";
+import { GoOn, isResumed } from "./resume.js";
 
 const POSSIBLE = { running: ["hold", "pause"], pausing: ["hold", "resume"], holding: ["resume"] };
 const SIGNS = {
@@ -45,7 +45,7 @@ export function Actions({ run }) {
   const ending = requested === "abort" || run.state === "ending";
   return html`<div class="actions" role="group" aria-label=${t("actions.label")}>
     <${Trouble} error=${error} forget=${() => setError(null)} />
-    ${!reached && !run.job ? html`<${GoOn} run=${run.run} />` : html`<div class="actions-row">
+    ${isResumed(run) ? html`<${GoOn} run=${run.run} />` : html`<div class="actions-row">
       ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
         <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || requested !== ""} onClick=${() => ask(action)}>
           <${Sign} action=${action} /> ${t(action === "resume" && run.state === "pausing" ? "actions.go_on" : `actions.${action}`)}</button>`)}

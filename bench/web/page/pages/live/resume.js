@@ -11,6 +11,9 @@ import { operatorOf } from "../start/operator.js";
 /** Why a run could not go on: it has an end then, and is shown on another page. */
 const refused = store(/** @type {{run?: string, error?: any}} */ ({}));
 
+/** Whether the page has this button for a live run. */
+export const isResumed = (run) => run.condition === "gone" && !run.job && may("operator");
+
 export function GoOn({ run }) {
   const [busy, setBusy] = useState(false);
   const why = useStore(refused);

@@ -6,6 +6,7 @@ import { degrees, duration, joined, language, number, sign, t } from "../../lib/
 import { Trace } from "../../lib/trace.js";
 import { Actions } from "./actions.js";
 import { Output, Temperatures, unitTone } from "./charts.js";
+import { isResumed } from "./resume.js";
 import { Guards, guardName } from "./guards.js";
 import { Log } from "./log.js";
 import { planName } from "../../lib/names.js";
@@ -91,8 +92,9 @@ export function Segments({ run }) {
 
 export function Troubles({ run }) {
   const gone = isOld(run) && run.condition !== "ended";
+  const detail = isResumed(run) ? "" : run.detail; // it names the command, beside the button
   return html`<div aria-live="assertive">
-    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong>${sign(" ")}<${Said} text=${run.detail} whole /></p></div>`}
+    ${gone && html`<div class="notice bad"><p><strong>${t(`live.${run.condition}`)}</strong>${sign(" ")}<${Said} text=${detail} whole /></p></div>`}
     ${run.chamber?.alarm?.length > 0 && html`<div class="notice bad"><p><strong>${t("live.alarm")}</strong>${sign(" ")}${run.chamber.alarm.join(", ")}</p></div>`}
     ${run.state === "holding" && html`<div class="notice warn"><p><strong>${t("live.held_by")}</strong>${sign(" ")}<${Said} text=${run.holding?.join("; ")} /></p></div>`}
     ${(run.units ?? []).filter((unit) => unit.dropped).map((unit) => html`<div key=${unit.serial} class="notice bad"><p><strong>${t("live.dropped", { serial: unit.serial })}</strong>${sign(" ")}<${Said} text=${unit.dropped} /></p></div>`)}
