@@ -175,3 +175,17 @@ def test_a_ukrainian_word_means_one_thing(wrong: str) -> None:
     texts += [str(words) for words in page_modules.catalogue("uk").values()]
     texts.append((ROOT / "bench" / "base" / "words" / "uk.json").read_text())
     assert [text for text in texts if re.search(wrong, text.lower())] == []
+
+
+@pytest.mark.parametrize(
+    ("english", "own"),
+    [
+        ("the memory of dT/dt of heating alone times a window in temperature", "仅升温的dT/dt的记忆 × 温度窗口"),
+        ("the lowest temperature so far times the drive above a value", "迄今最低温度 × 驱动幅度高于某值的部分"),
+        ("(dT/dt of heating alone)^2 times the drive, late", "(仅升温的dT/dt)² × 驱动幅度，延迟"),
+        ("the square of the drive above a value", "驱动幅度高于某值的部分的平方"),
+    ],
+)
+def test_a_product_is_told_factor_by_factor(english: str, own: str) -> None:
+    assert language.told(english, "zh") == own
+    assert page_modules.told("lib/told.js", "console.log(JSON.stringify(page.told(given, 'zh')))", english) == own
