@@ -156,6 +156,16 @@ def test_runs_of_the_same_days_are_offered_and_used_only_when_they_are_taken(pag
     page.locator(".wb-tile", has_text="on blocks left out").wait_for()
 
 
+def test_the_chosen_runs_stand_in_one_line_while_another_is_offered(page):
+    choose(page)
+    page.get_by_role("button", name=re.compile("use .* as Check")).click()
+    page.get_by_role("button", name=re.compile("use .* as Static")).wait_for()
+    chips = page.locator(".wb-chip")
+    chips.nth(1).wait_for()
+    page.evaluate("document.fonts.ready")
+    assert len({chip.bounding_box()["y"] for chip in chips.all()}) == 1
+
+
 def test_only_the_rows_in_sight_are_drawn(page):
     page.get_by_role("link", name="Workbench").click()
     page.get_by_text(f"{MANY + 3} of {MANY + 3} runs").wait_for()
