@@ -11,6 +11,7 @@ from axe_playwright_python.sync_playwright import Axe
 
 from bench.base import library
 from bench.mystery.mystery import make_mystery
+from tests.browser.test_operator import press_tab_to
 from tests.support.run_folders import keep
 from tests.support.servers import site_over
 from tests.support.visiting import DESKTOP, PHONE, picture
@@ -333,6 +334,35 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_role("textbox", name=re.compile("formula", re.IGNORECASE)).first.wait_for()
     values = [box.input_value() for box in page.locator(".wb-effects input.wb-code").all()]
     assert any("k * time" in value for value in values), values
+
+
+def test_a_formula_of_ones_own_is_added_and_saved_by_keyboard_alone(page, mystery):
+    def has_focus(target):
+        target.and_(page.locator(":focus")).wait_for()
+
+    page.get_by_role("link", name="Workbench").press("Enter")
+    has_focus(page.get_by_role("combobox", name="Find a run"))
+    page.keyboard.type("MYSTERY ramp")
+    page.locator("[role=option]", has_text="MYSTERY").first.wait_for()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    has_focus(page.get_by_role("heading", name="Workbench"))
+    diagnosed(page)
+    term = page.locator("#wb-term")
+    press_tab_to(page, term)
+    page.keyboard.type("k * time")
+    page.locator("#wb-term-check", has_text=re.compile("fitted: k$")).wait_for()
+    page.keyboard.press("Enter")
+    page.locator(".wb-fell").wait_for()
+    has_focus(term)
+    press_tab_to(page, page.get_by_label("Save as model"))
+    page.keyboard.type("by_keys")
+    page.keyboard.press("Enter")
+    page.get_by_text("Saved as").wait_for()
+    press_tab_to(page, page.get_by_role("button", name="Undo"))
+    page.keyboard.press("Enter")
+    has_focus(page.get_by_role("heading", name="Model error"))
+    press_tab_to(page, page.get_by_role("button", name="Redo"), most=2)
 
 
 def test_the_range_of_a_parameter_in_a_formula_is_changed_in_place(page):

@@ -3,6 +3,7 @@ import { html, render, useEffect, useErrorBoundary, useState } from "./lib/preac
 import { Bar } from "./lib/bar.js";
 import { ApiError, get } from "./lib/api.js";
 import { Leaving } from "./lib/leaving.js";
+import { keepFocus } from "./lib/kept.js";
 import { live } from "./lib/live.js";
 import { Busy, Trouble } from "./lib/parts.js";
 import { here, match, navigate, takeLinks } from "./lib/router.js";
@@ -124,6 +125,7 @@ function App() {
 }
 
 const root = document.getElementById("app");
+keepFocus(root);
 
 async function begin() {
   const [, who] = await Promise.all([speak(), get("/session")]);
