@@ -183,9 +183,16 @@ def test_a_ukrainian_word_means_one_thing(wrong: str) -> None:
         ("the memory of dT/dt of heating alone times a window in temperature", "仅升温的dT/dt的记忆 × 温度窗口"),
         ("the lowest temperature so far times the drive above a value", "迄今最低温度 × 驱动幅度高于某值的部分"),
         ("(dT/dt of heating alone)^2 times the drive, late", "(仅升温的dT/dt)² × 驱动幅度，延迟"),
+        ("the memory of |dT/dt| times time", "|dT/dt|的记忆 × 时间"),
         ("the square of the drive above a value", "驱动幅度高于某值的部分的平方"),
     ],
 )
 def test_a_product_is_told_factor_by_factor(english: str, own: str) -> None:
     assert language.told(english, "zh") == own
     assert page_modules.told("lib/told.js", "console.log(JSON.stringify(page.told(given, 'zh')))", english) == own
+
+
+def test_a_channel_within_a_sentence_has_no_capital_letter() -> None:
+    english, script = "the drive times time", "console.log(JSON.stringify(page.told(given, 'uk')))"
+    said = page_modules.told("lib/told.js", script, english)
+    assert said == language.told(english, "uk") == "амплітуда збудження × час"

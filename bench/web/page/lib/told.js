@@ -34,6 +34,7 @@ function plain(text, column) {
 }
 
 function found(text, column) {
+  if (Object.hasOwn(known, text)) return known[text][column]; // in a sentence a channel has no capital letter
   const own = plain(text, column);
   if (own !== null) return own;
   const bare = text.length > 1 && text.endsWith(".") ? tell(text.slice(0, -1), column) : null;
