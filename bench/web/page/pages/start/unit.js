@@ -28,7 +28,8 @@ export function UnitQuestion({ stations, last, answer }) {
     const tooLong = serial.trim().length > LONGEST;
     const places = tooLong ? [] : whereIs(sound, serial);
     const place = places.length === 1 ? places[0] : null;
-    const single = places.length || meant ? "" : repeated(serial, sound.flatMap((station) => station.units));
+    const read = places.length || meant ? "" : repeated(serial, sound.flatMap((station) => station.units));
+    const single = tooLong && !whereIs(sound, read).length ? "" : read;
     setDoubled({ serial: serial.trim(), single });
     setLong(tooLong && !single);
     setWrong(places.length || tooLong || single ? "" : serial.trim());
