@@ -42,6 +42,18 @@ def test_an_altered_record_is_refused_with_both_hashes(run, name):
         (CalibrationRecord if name.startswith("cal") else Manifest).find(run)
 
 
+def test_a_record_that_is_replaced_while_it_is_read_is_read_again(run, monkeypatch):
+    known, replaced = chain.check, iter([CalibrationRecord(unit="SIM-0002")])
+
+    def check(*given):
+        for newer in replaced:
+            newer.write(run)
+        return known(*given)
+
+    monkeypatch.setattr(chain, "check", check)
+    assert CalibrationRecord.read(run).unit == "SIM-0002"
+
+
 def test_a_record_that_is_missing_or_foreign_is_refused(run):
     (run / "limits.json").write_text('{"verdict": "PASS"}')
     with pytest.raises(InputError, match=r"limits\.json: is not listed in chain\.seal"):

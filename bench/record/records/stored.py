@@ -18,6 +18,17 @@ _SHOWN = 60
 """So many characters of a wrong value are shown."""
 
 
+def _content(path: str) -> bytes | None:
+    """The bytes of a file, None where there is none; InputError where it cannot be read."""
+    try:
+        with open(path, "rb") as file:  # noqa: PTH123 - a Path costs more than the reading of a short file
+            return file.read()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", path) from None
+
+
 class Stored(BaseModel):
     """A part of a record; keys that it does not know are kept."""
 
@@ -71,16 +82,15 @@ class Record(Stored):
         Every record comes from the disk here and nowhere else.
         """
         path = f"{folder}/{name or cls.FILE}"
-        try:
-            with open(path, "rb") as file:  # noqa: PTH123 - a Path costs more than the reading of a short file
-                data = file.read()
-        except (FileNotFoundError, NotADirectoryError):
-            data = None
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", path) from None
+        data = _content(path)
         record = None if data is None else cls.parse(data, path)
         if cls.CHAINED:
-            _chain().check(folder, name or cls.FILE, data, cls.ADVICE)
+            try:
+                _chain().check(folder, name or cls.FILE, data, cls.ADVICE)
+            except InputError:
+                if _content(path) == data:
+                    raise
+                return cls.find(folder, name)  # it was replaced between the two readings
         return record
 
     @classmethod
