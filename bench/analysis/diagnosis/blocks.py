@@ -220,17 +220,21 @@ class Formula:
         """Its parameters as the engine searches them."""
         return tuple(bounded(name, *ends) for name, ends in self.bounds.items())
 
+    @cached_property
+    def own(self) -> tuple[slice, ...]:
+        """Where the parameters of each block are among those of the formula."""
+        ends = accumulate((len(block.bounds) for block in self.blocks), initial=0)
+        return tuple(slice(first, end) for first, end in pairwise(ends))
+
     def at_once(self, theta: Theta) -> tuple[Formula, Theta] | None:
         """The formula without the memories that are as short as is searched, and its parameters; None without any."""
-        blocks, values, end = list[Block](), list[float](), 0
-        for block in self.blocks:
-            first, end = end, end + len(block.bounds)
-            short = (
-                end > first and self.parameters[end - 1].on_bound(theta[end - 1]) and theta[end - 1] < 2 * _LAGS_S[0]
-            )
+        blocks, values = list[Block](), list[float]()
+        for block, at in zip(self.blocks, self.own, strict=True):
+            pairs = list(zip(self.parameters[at], theta[at], strict=True))
+            short = any(p.on_bound(value) and value < 2 * _LAGS_S[0] for p, value in pairs[-1:])
             kept = (block.at_once if short else None) or block
             blocks.append(kept)
-            values += theta[first : first + len(kept.bounds)]
+            values += theta[at][: len(kept.bounds)]
         shorter = replace(self, blocks=tuple(blocks))
         return None if shorter.blocks == self.blocks else (shorter, tuple(values))
 
@@ -238,23 +242,22 @@ class Formula:
         """The formula without each of its blocks, and its parameters, where at least two remain."""
         if len(self.blocks) < 3 or self.pair:
             return []
-        ends = list(accumulate((len(block.bounds) for block in self.blocks), initial=0))
         return [
-            (replace(self, blocks=(*self.blocks[:i], *self.blocks[i + 1 :])), (*theta[:first], *theta[end:]))
-            for i, (first, end) in enumerate(pairwise(ends))
+            (replace(self, blocks=(*self.blocks[:i], *self.blocks[i + 1 :])), (*theta[: at.start], *theta[at.stop :]))
+            for i, at in enumerate(self.own)
         ]
 
     def one_way(self) -> list[Formula]:
         """The formula of heating alone, and of cooling alone, where it is of both: runs that pass each temperature once
         up and once down hardly tell them apart.
         """
-        names = [block for block in self.blocks if re.search(r"(?<![(-])dT_dt|\blag\(dT_dt", block.text)]
+        both = [block for block in self.blocks if re.search(r"(?<![(-])dT_dt|\blag\(dT_dt", block.text)]
         found = []
-        for sign, words in (("", "heating"), ("-", "cooling")) if names and not self.along else ():
+        for sign, words in (("", "heating"), ("-", "cooling")) if both and not self.along else ():
             blocks = [
                 replace(block, text=block.text.replace("dT_dt", f"above({sign}dT_dt)"),
                         words=block.words.replace("dT/dt", f"dT/dt of {words} alone"))
-                if block in names else block
+                if block in both else block
                 for block in self.blocks
             ]  # fmt: skip
             found.append(replace(self, blocks=tuple(blocks)))

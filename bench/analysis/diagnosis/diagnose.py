@@ -344,14 +344,12 @@ def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormu
     """The same, with the first that unseen data prove in front, unless the check runs, or without them much evidence of
     the fitted runs, speak more for the best one.
     """
-    best = formulas[0] if formulas else None
     borne = [
         one
         for one in formulas
-        if best
-        and one.proof.proved is not False
-        and one.borne > best.borne - TIE
-        and (one.proof.by == "check" or one.evidence > best.evidence - FORMULA_EVIDENCE)
+        if one.proof.proved is not False
+        and one.borne > formulas[0].borne - TIE
+        and (one.proof.by == "check" or one.evidence > formulas[0].evidence - FORMULA_EVIDENCE)
     ]
     return (*borne[:1], *(one for one in formulas if one not in borne[:1]))
 

@@ -109,8 +109,9 @@ class FormulaSearch:
             found += self._grown(one, self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_BEAM]:
-            for half in one.formula.one_way():
-                found += self._longer(one, [(half, (one.theta,))], self._tried_of(one, sizes))
+            found += self._longer(
+                one, [(half, (one.theta,)) for half in one.formula.one_way()], self._tried_of(one, sizes)
+            )
         # What chance reaches beyond the usual threshold is paid for, too.
         found.sort(key=lambda one: -one.evidence)
         chance = self._chance(library, points, paid) if found and found[0].evidence > least else 0.0
@@ -143,15 +144,16 @@ class FormulaSearch:
 
     def _many(self, formula: Formula, thetas: Sequence[Theta]) -> FloatArray:
         """The same of many parameters (n, many, k): each block is evaluated once for each of its own."""
-        factors, end = [], 0
-        for block in formula.blocks:
-            first, end = end, end + len(block.bounds)
-            factors.append(self._factor(block.text, block, [theta[first:end] for theta in thetas]))
+        factors = [
+            self._factor(block.text, block, [theta[own] for theta in thetas])
+            for block, own in zip(formula.blocks, formula.own, strict=True)
+        ]
         value = reduce(np.multiply, factors)
         if formula.pair:
             sine = formula.blocks[0]
-            own = [theta[: len(sine.bounds)] for theta in thetas]
-            cosine = self._factor(sine.text.replace("sin(", "cos(", 1), sine, own)
+            cosine = self._factor(
+                sine.text.replace("sin(", "cos(", 1), sine, [theta[formula.own[0]] for theta in thetas]
+            )
             return np.stack([value, reduce(np.multiply, factors[1:], cosine)], axis=2)
         if formula.along is None:
             return value[:, :, None]
@@ -268,15 +270,12 @@ class FormulaSearch:
 
     def _pruned(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula without each of its blocks, refined, if it has several."""
-        tasks = [
-            partial(self._refined, formula, candidate, self._starts(candidate, theta, one.point), self._price(tried))
-            for formula, theta in one.formula.shorter(one.theta)
-            for candidate in [self._candidate(formula)]
-        ]
+        tasks = []
+        for formula, theta in one.formula.shorter(one.theta):
+            candidate = self._candidate(formula)
+            start = Start(theta, one.point, self._refiner.height(candidate, theta, one.point))
+            tasks.append(partial(self._refined, formula, candidate, (start,), self._price(tried)))
         return shared(tasks, self._workers)
-
-    def _starts(self, candidate: Candidate, theta: Theta, point: Point) -> tuple[Start, ...]:
-        return (Start(theta, point, self._refiner.height(candidate, theta, point)),)
 
     def _longer(
         self, one: FoundFormula, longer: Sequence[tuple[Formula, tuple[Theta, ...]]], tried: int

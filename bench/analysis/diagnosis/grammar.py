@@ -82,8 +82,7 @@ class Grammar:
         for number, block in enumerate(formula.blocks):
             if formula.pair and number == 0:
                 continue
-            end = sum(len(one.bounds) for one in formula.blocks[: number + 1])
-            first = end - len(block.bounds)
+            first, end = formula.own[number].start, formula.own[number].stop
             for variant in block.variants(self.ranges.length_s, self.ranges.switched):
                 blocks = (*formula.blocks[:number], variant, *formula.blocks[number + 1 :])
                 # Its own parameters may have stood for the one that it lacked: they are tried anew, too.
