@@ -23,5 +23,5 @@ def told(module, script, given=None):
 
 def catalogue(language):
     """Words of the page in a language, by key."""
-    files = (SOURCE / "words" / part / f"{language}.json" for part in ("", "workbench"))
+    files = (SOURCE / "words" / part / f"{language}.json" for part in ("", "further"))
     return {key: words for file in files for key, words in json.loads(file.read_text(encoding="utf-8")).items()}

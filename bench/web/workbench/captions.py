@@ -75,6 +75,6 @@ def _four(value: float) -> dict[str, Any]:
 
 @cache
 def _catalogue() -> Mapping[str, Any]:
-    words = files("bench.web") / "page/words/workbench/en.json"
+    words = files("bench.web") / "page/words/further/en.json"
     content: Mapping[str, Any] = json.loads(words.read_text(encoding="utf-8"))
     return content

@@ -21,11 +21,11 @@ const catalogues = {
   zh: () => import("../words/zh.json", { with: { type: "json" } }),
 };
 
-/** Words that only the workbench, the fleet, a run and the files say: no other page waits for them. */
+/** Words that only the workbench, the fleet, a run, the files, the import and the laboratory say: no other page waits for them. */
 const further = {
-  en: () => import("../words/workbench/en.json", { with: { type: "json" } }),
-  uk: () => import("../words/workbench/uk.json", { with: { type: "json" } }),
-  zh: () => import("../words/workbench/zh.json", { with: { type: "json" } }),
+  en: () => import("../words/further/en.json", { with: { type: "json" } }),
+  uk: () => import("../words/further/uk.json", { with: { type: "json" } }),
+  zh: () => import("../words/further/zh.json", { with: { type: "json" } }),
 };
 let all = false;
 
