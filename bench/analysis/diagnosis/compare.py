@@ -6,7 +6,7 @@ whole record, rows are masked afterwards. In-sample error alone proves nothing: 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -94,10 +94,15 @@ def compare(
     if not lot:
         refuse_mixed((*records, *checks))
     with one_blas_thread():
-        tasks = [partial(_scored, model, records, checks, floor_dph) for model in models]
-        answers = shared(tasks, usual_workers())
-    scores = [answer for answer in answers if isinstance(answer, Score)]
-    failed = [(model.name, e) for model, e in zip(models, answers, strict=True) if isinstance(e, InputError)]
+        fits = shared([partial(_fitted, model, records) for model in models], usual_workers())
+        known = [(model, fit) for model, fit in zip(models, fits, strict=True) if isinstance(fit, Fit)]
+        tasks = [_outside(model, fit, records, checks) for model, fit in known]
+        held = iter(shared([task for own in tasks for task in own], usual_workers()))
+    scores = [
+        _score(model, fit, records, checks, floor_dph, [next(held) for _ in own])
+        for (model, fit), own in zip(known, tasks, strict=True)
+    ]
+    failed = [(model.name, e) for model, e in zip(models, fits, strict=True) if isinstance(e, InputError)]
     if failed and strict:
         raise failed[0][1]
     refused = [(name, str(error)) for name, error in failed]
@@ -106,31 +111,51 @@ def compare(
     return Comparison(names[0], names[1], floor_dph, interval_s, tuple(scores), tuple(refused))
 
 
-def _scored(
-    model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ...], floor_dph: float
-) -> Score | InputError:
-    """The score, or why there is none."""
+def _fitted(model: Model, records: tuple[Dataset, ...]) -> Fit | InputError:
+    """The fit to all rows, or why there is none."""
     try:
-        return _score(model, records, checks, floor_dph)
+        return fit_model(model, records)
     except InputError as error:
         return error
 
 
-def _score(model: Model, records: tuple[Dataset, ...], checks: tuple[Dataset, ...], floor_dph: float) -> Score:
-    fit = fit_model(model, records)
-    residuals = tuple(record.bias - fit.predict(record).bias for record in records)
-    # Automatic options stay as all rows settled them; parameters are searched again from where all rows put them.
-    settled = replace(fit.model, name=model.name)
+def _outside(
+    model: Model, fit: Fit, records: tuple[Dataset, ...], checks: tuple[Dataset, ...]
+) -> list[Callable[[], HeldOut]]:
+    """What tells the errors by blocks, by segments and, where rows count by their noise, of a fit by their samples."""
+    settled = _settled(model, fit)
     blocks = "blocks", [pieces_of(record) for record in records]
-    by_blocks = _left_out(settled, fit, records, *blocks)
-    by_segments = _left_out(settled, fit, records, "segments", [record.segment for record in records])
+    segments = "segments", [record.segment for record in records]
+    tasks: list[Callable[[], HeldOut]] = [
+        partial(_left_out, settled, fit, records, *left) for left in (blocks, segments)
+    ]
+    if plain := fit.counted:
+        by_blocks = partial(_left_out, settled, plain, records, *blocks, hold=True)
+        tasks.append(partial(_checked, plain, checks) if checks else by_blocks)
+    return tasks
+
+
+def _settled(model: Model, fit: Fit) -> Model:
+    """Automatic options stay as all rows settled them; parameters are searched again from where all rows put them."""
+    return replace(fit.model, name=model.name)
+
+
+def _score(
+    model: Model,
+    fit: Fit,
+    records: tuple[Dataset, ...],
+    checks: tuple[Dataset, ...],
+    floor_dph: float,
+    held: Sequence[HeldOut],
+) -> Score:
+    residuals = tuple(record.bias - fit.predict(record).bias for record in records)
+    by_blocks, by_segments, *of_counted = held
     counted = None
     if plain := fit.counted:
         left = tuple(record.bias - plain.predict(record).bias for record in records)
-        outside = _checked(plain, checks) if checks else _left_out(settled, plain, records, *blocks, hold=True)
-        counted = Counted(_rms(records, left), outside)
+        counted = Counted(_rms(records, left), of_counted[0])
     return Score(
-        model=settled,
+        model=_settled(model, fit),
         fit=fit,
         counted=counted,
         rms_dph=_rms(records, residuals),
