@@ -21,7 +21,7 @@ from drivers.errors import DriverError, one_line
 from drivers.frames import to_record
 from drivers.health import Beat, Tally
 from drivers.journal import JournalWriter, Kind
-from drivers.lag import Lag
+from drivers.lag import Lag, both_clocks
 
 BATCH_FRAMES = 1024
 BATCH_NS = 100_000_000
@@ -95,12 +95,12 @@ class Recorder:
                     break
                 try:
                     message = bus.recv(max(left_ns, 0) * 1e-9)
-                    now_ns = time.monotonic_ns()
+                    now_ns, calendar_ns = both_clocks()
                     if message is None:
                         self._lag.caught_up(now_ns)
                         _refuse_off(bus)
                         break
-                    age_ns = self._lag.age_ns(now_ns, time.time_ns() - round(message.timestamp * 1e9))
+                    age_ns = self._lag.age_ns(now_ns, calendar_ns - round(message.timestamp * 1e9))
                     t_ns = now_ns - age_ns - self._start_ns
                     records.append(to_record(message, t_ns, 0, self._room))
                 except (ValueError, IndexError):  # a long CAN FD frame, or a line that the interface cannot parse

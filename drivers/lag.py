@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import time
+
 LIMIT_NS = 200_000_000
 """A lag above this [ns] is reported: on a busy bus it is several times the capacity of SocketCAN's default buffer."""
 PLAUSIBLE_NS = 1_000_000_000
 """Ages up to this [ns] are always plausible; larger ones only when the backlog has had time to grow to them."""
 SLACK_NS = 10_000_000
+_TOGETHER_NS = 5_000
+_READINGS = 8
+
+
+def both_clocks() -> tuple[int, int]:
+    """Monotonic and calendar time [ns] of one moment: read again where the process was interrupted in between."""
+    for _ in range(_READINGS):
+        before_ns, calendar_ns, now_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        if now_ns - before_ns < _TOGETHER_NS:
+            break
+    return now_ns, calendar_ns
 
 
 class Lag:

@@ -6,18 +6,20 @@ import json
 import multiprocessing
 import re
 import time
+from types import SimpleNamespace
 
 import can
 import numpy as np
 import pytest
 
 from drivers import capture as capture_module
+from drivers import lag as lag_module
 from drivers.backoff import BackOff
 from drivers.capture import Recorder
 from drivers.errors import LinkError
 from drivers.health import Beat
 from drivers.journal import JournalWriter, Kind, read_blocks
-from drivers.lag import Lag
+from drivers.lag import Lag, both_clocks
 
 
 class ScriptedBus(can.BusABC):
@@ -190,3 +192,12 @@ def test_a_clock_that_was_set_is_no_backlog(stamp):
     assert [lag.age_ns(100 * SECOND + k * 2_000_000, stamp) for k in range(1, 500)] == [0] * 499
     lag.caught_up(200 * SECOND)
     assert lag.age_ns(200 * SECOND + 1, stamp) == 0
+
+
+def test_an_interruption_between_the_two_clocks_makes_no_frame_older(monkeypatch):
+    """On a busy machine frames of an adapter without a clock were stamped before those that came earlier."""
+    monotonic = iter([0, 20_000_000, 20_000_300, 20_000_600])
+    calendar = iter([7 * SECOND + 20_000_000, 7 * SECOND + 20_000_450])
+    clocks = SimpleNamespace(monotonic_ns=lambda: next(monotonic), time_ns=lambda: next(calendar))
+    monkeypatch.setattr(lag_module, "time", clocks)
+    assert both_clocks() == (20_000_600, 7 * SECOND + 20_000_450)
