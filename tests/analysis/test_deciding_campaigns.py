@@ -10,10 +10,15 @@ from benchmarks import pairs, weak_ties
 def test_a_tie_is_decided_only_if_the_hidden_family_alone_is_left(tmp_path):
     case = weak_ties.Case("preisach", 0.7, 1)
     found = {"tied": ["loop", "rate"], "decides": True, "proposed": ["loop"], "minor_loops": ["rate"],
-             "again": ["loop", "rate"], "repeated": []}  # fmt: skip
+             "again": ["loop", "rate"], "repeated": [], "separable": "proposed"}  # fmt: skip
+    beyond = found | {"proposed": ["rate"], "separable": ""}
     assert [weak_ties.decided(case, found, way) for way in weak_ties.WAYS] == [True, False, False, False]
     rows = {row["way"]: row for row in weak_ties.table([(case, found), (case, {"tied": []})])}
     assert (rows["proposed"]["n"], rows["proposed"]["decided"], rows["minor_loops"]["wrong"]) == (1, 1, 1)
+    every = weak_ties.table([(case, found), (case, beyond)])
+    assert {(row["ties"], row["n"]) for row in every if row["way"] == "proposed"} == {
+        ("that some profile decides", 1), ("that a run can tell, by the bench's word", 2),
+    }  # fmt: skip
     out = tmp_path / "ties.jsonl"
     assert weak_ties.section(out) == ""
     out.write_text(json.dumps({"hidden": "preisach", "strength": 0.7, "number": 1, "found": found}) + '\n{"hid')
