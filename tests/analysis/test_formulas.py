@@ -36,7 +36,7 @@ def quiet():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("truth", ["beat", "buckling", "draught"])
+@pytest.mark.parametrize("truth", ["beat", "draught"])
 def test_a_formula_predicts_an_unseen_run_of_a_unit_that_no_effect_of_the_catalogue_describes(truth):
     found = outside.run_trial(outside.Trial(truth, 3.0, 1))
     assert found["formula"]
@@ -58,6 +58,15 @@ def test_what_depends_on_the_temperature_of_a_part_inside_is_told_by_a_place_in_
     """Rubber that is stiff in the cold; refined, a place in another temperature gains most, though not on the grid."""
     found = outside.run_trial(outside.Trial("softened_mount", 3.0, 1))
     assert re.search(r"\(1 - tanh\(\(lag\(temperature, (2[5-9]|3[0-4])\d(\.\d)?\)", found["formula"]), found
+    assert found["share"] > 0.9, found
+
+
+@pytest.mark.slow
+def test_an_effect_that_leaves_no_more_than_the_noise_does_not_hide_a_formula_that_explains_more():
+    """A gradient that saturates looks like a loop in the run and in the check run; in steps it does not."""
+    found = outside.run_trial(outside.Trial("saturating_gradient", 1.0, 1))
+    assert re.match(r"k \* tanh\(lag\(dT_dt, ", found["formula"]), found
+    assert (found["verdict"], found["found"]) == ("unknown_effect", ["hysteresis"])
     assert found["share"] > 0.9, found
 
 
@@ -440,7 +449,8 @@ def test_every_formula_of_the_grammar_is_one_that_a_model_file_may_hold(quiet):
     assert {"lag(dT_dt, tau_s * exp(faster * (25 - temperature)))", "delay(dT_dt, late_s)"} <= {
         formula.product(formula.names) for formula, _ in grown
     }
-    for formula, theta in [*((formula, formula.grid()[0]) for formula in formulas), *((f, g[0]) for f, g in grown)]:
+    tried = [(formula, theta[0]) for formula, theta in grown[:: len(grown) // 300]]
+    for formula, theta in [*((formula, formula.grid()[0]) for formula in formulas), *tried]:
         assert formula.expression().parameters == formula.parameters  # values go by this order
         effect = effect_from(entry_text(formula.near(theta)))
         assert effect == formula.near(theta)

@@ -127,6 +127,19 @@ class Describer:
             found = half._search(layout, explained.first.point)
             return self._beside(layout, explained, found, further)
 
+    def better(self, layout: Layout, explained: Explanation) -> Description:
+        """Formulas that explain more than the effects that were found do, which leave no more than the noise.
+
+        In the place of one effect a formula needs the evidence that any formula needs.
+        """
+        margin = FORMULA_EVIDENCE if len(explained.steps) < 2 else TIE
+        found = self._search(layout, explained.first.point, near=_gain(layout, explained) - FORMULA_EVIDENCE)
+        borne = self._borne(layout, found, explained)
+        plain = self._ranked(layout, found, borne)
+        if not self._named(layout, explained, plain, borne, margin)[1]:
+            return Description()
+        return Description(self._answer(layout, plain, borne), replaces=True)
+
     def _borne(self, layout: Layout, found: Sequence[FoundFormula], explained: Explanation) -> Borne:
         return Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
 
@@ -140,13 +153,8 @@ class Describer:
         """What was `found` beside the model alone against the effects, and against the formulas beside the effects."""
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
-        named, named_borne = self._named(layout, explained, borne)
-        best = plain[0] if plain and plain[0].total > named + TIE else None
-        if best and (
-            best.borne > named_borne + TIE
-            or not UNCATALOGUED.isdisjoint(best.one.effect.needs)
-            or self._says_more(best.one, explained.layout)
-        ):
+        named, better = self._named(layout, explained, plain, borne, TIE)
+        if better:
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
         stuck = any(step.suspect.on_bound for step in explained.steps)
@@ -199,10 +207,10 @@ class Describer:
         return ()
 
     def _search(
-        self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None
+        self, layout: Layout, best: Point | None = None, first: FoundFormula | None = None, near: float = -np.inf
     ) -> tuple[FoundFormula, ...]:
         search = FormulaSearch(layout, self.lattice, self.seed, best, self.workers, first)
-        return search.search(0.0 if self.check else FORMULA_EVIDENCE)
+        return search.search(0.0 if self.check else FORMULA_EVIDENCE, near)
 
     def _ranked(
         self, layout: Layout, found: Sequence[FoundFormula], borne: Borne, count: int | None = None
@@ -273,13 +281,20 @@ class Describer:
         sigma2 = float(left @ left) / (len(left) - basis.shape[1])
         return bool(float(further @ left) ** 2 > TIE * size * sigma2)
 
-    def _named(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[float, float]:
-        """Evidence of all effects found together, beside the model alone; and the part of it that check runs have."""
-        more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
+    def _named(
+        self, layout: Layout, explained: Explanation, plain: Sequence[_Ranked], borne: Borne, margin: float
+    ) -> tuple[float, bool]:
+        """Evidence of all effects found together, beside the model alone, and whether the best formula beside it alone
+        has more by a `margin`.
+        """
         before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, explained.layout))
         own = borne.gain(before, after)
-        gain = explained.first.minus2logl - explained.last.minus2logl + own
-        return float(gain - more * np.log(len(layout.problem.y))), own
+        named = _gain(layout, explained) + own
+        if not plain or plain[0].total <= named + margin:
+            return named, False
+        best = plain[0]
+        other = best.borne > own + TIE or not UNCATALOGUED.isdisjoint(best.one.effect.needs)
+        return named, other or self._says_more(best.one, explained.layout)
 
     def _listed(
         self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()
@@ -374,6 +389,13 @@ class Describer:
             contribution=layout.rows.scatter(contribution),
             residuals=scored.residuals,
         )
+
+
+def _gain(layout: Layout, explained: Explanation) -> float:
+    """Evidence that the fitted runs have of all effects found together, beside the model alone."""
+    more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
+    gain = explained.first.minus2logl - explained.last.minus2logl
+    return float(gain - more * np.log(len(layout.problem.y)))
 
 
 def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:

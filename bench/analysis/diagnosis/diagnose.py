@@ -22,7 +22,6 @@ from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.probes import despike
-from bench.analysis.diagnosis.ranges import Ranges
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.sisters import sister_records
@@ -270,9 +269,8 @@ class _Case:
     def _formulas(
         self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool
     ) -> tuple[tuple[DescribedFormula, ...], bool]:
-        """What the catalogue does not hold, searched where its effects do not bring the error down to the noise, where
-        the noise is not known well enough to tell, where it takes several of them, or where a channel moves that none
-        of them rests on: one formula may do.
+        """What the catalogue does not hold; where its effects bring the error down to the noise, and that is known well
+        enough to tell, only what explains more than they do.
 
         Only what unseen data bear, or do not judge, or of which the fitted runs have evidence and that of check runs is
         strong while their error, which their slow noise moves, does not rise beyond chance; and whether the best
@@ -281,14 +279,9 @@ class _Case:
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         known = not bound_only(describer.floor_dph, improved.rms_dph)
         enough = explained.word == "missing_effect" and proved and small and known
-        alone = enough and len(explained.steps) < 2
-        if alone and not Ranges(self.layout.seen, self.layout.rows.masks).uncatalogued:
-            return (), False
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
-        found = describer.describe(self.layout, explained)
-        if enough and not found.replaces:
-            return (), False
+        found = describer.better(self.layout, explained) if enough else describer.describe(self.layout, explained)
         kept = tuple(
             one
             for one in found.formulas

@@ -72,10 +72,11 @@ class FormulaSearch:
         self._best = self._surface.search() if best is None else best
         self._surface.visit([self._best])
 
-    def search(self, least: float = 0.0) -> tuple[FoundFormula, ...]:
+    def search(self, least: float = 0.0, near: float = -np.inf) -> tuple[FoundFormula, ...]:
         """Formulas that pay for what they estimate and for what was tried, best first; see `FORMULA_EVIDENCE`.
 
         Where none has more than the `least` evidence, what chance reaches is not simulated: it only takes from them.
+        Where none of the grid comes `near` this evidence, none is refined and there is no answer.
         """
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
         singles += self.grammar.snaps(*self._jumps())
@@ -91,6 +92,8 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still(), self._workers)
         paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
+        if not rough.max() > near - _NEAR:
+            return ()
         leaders = self._leaders(rough, scan, formulas)
         # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
         alone = {one.blocks[0].text: index for index, one in enumerate(singles)}

@@ -34,11 +34,6 @@ class Ranges:
         self.apart = (*(["chamber_temperature"] if self.gap else []), *filter(self._differs, _THERMOMETERS))
         self.length_s = max(float(np.ptp(record.time)) for record in records)
 
-    @property
-    def uncatalogued(self) -> bool:
-        """Whether a channel moves that no effect of the catalogue rests on."""
-        return not UNCATALOGUED.isdisjoint((*self.apart, *self.moved))
-
     @cached_property
     def fastest(self) -> float:
         """The largest |dT/dt| [degC/min]."""
