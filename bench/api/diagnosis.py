@@ -78,7 +78,8 @@ class Diagnosis:
     def next_experiment(self) -> Proposal | None:
         """The run that would tell apart what these runs cannot; `profile_yaml` is its profile. None: not needed."""
         static = None if self.static is None else self.static.dataset
-        return analysis.next_experiment(self.answer, [run.dataset for run in self.runs], static=static)
+        runs, check = ([run.dataset for run in each] for each in (self.runs, self.check))
+        return analysis.next_experiment(self.answer, runs, check=check, static=static)
 
     def fit(self) -> Fit:
         """The model with what was found, fitted to the same runs."""

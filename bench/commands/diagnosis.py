@@ -52,7 +52,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - options of one command
         datasets, analysis.load_model(model), check=checks, static=isothermal,
         sisters=usual_means(recovered(sisters, output)) if sisters else (), floor_dph=floor_dph, surface=channels,
     )  # fmt: skip
-    proposal = analysis.next_experiment(found, datasets, static=isothermal)
+    proposal = analysis.next_experiment(found, datasets, check=checks, static=isothermal)
     if proposal is not None:
         profile = plan or runs[0] / "next.yaml"
         write(profile, proposal.profile_yaml)

@@ -228,19 +228,25 @@ def test_a_rival_is_followed_between_the_points_of_its_grid_too():
 def test_the_chamber_is_learnt_from_the_run_and_predicts_another(runs):
     run = runs["thermal_lag"]
     model = chamber_model([run])
-    assert 60.0 < model.slow_s < 900.0
+    assert 60.0 < model.unit.lags_s[0] < 900.0
     plan = minor_loops(LIMITS)
     other = record("thermal_lag", plan.to_yaml(LIMITS, "another run"), seed=3)
-    predicted = model.temperature(other.time, other.channels["chamber_setpoint"])
+    predicted = model.unit.temperature(other.time, other.channels["chamber_setpoint"])
     assert float(np.sqrt(np.mean((predicted - other.channels["temperature"])[60:] ** 2))) < 1.0
     planned = predicted_record([run], plan.setpoint(), 30.0)
     assert np.ptp(planned.channel("temperature")) > 0.8 * np.ptp(plan.setpoint())
+    # What follows the gap to the air cannot be predicted from its mean over temperature, which is next to nothing.
+    gap = planned.channel("chamber_temperature") - planned.channel("temperature")
+    assert np.ptp(gap) > 2.0
+    air = model.air.temperature(other.time, other.channels["chamber_setpoint"]) - predicted
+    seen = other.channels["chamber_temperature"] - other.channels["temperature"]
+    assert np.corrcoef(air[60:], seen[60:])[0, 1] > 0.9
 
 
 def test_a_run_without_set_point_is_predicted_with_a_typical_chamber(runs):
     run = runs["thermal_lag"]
     bare = replace(run, channels={name: run.channels[name] for name in ("rate", "temperature")})
-    assert chamber_model([bare]).slow_s == 300.0
+    assert chamber_model([bare]).unit.lags_s == (300.0, 120.0)
 
 
 def test_limits_are_what_the_runs_showed(runs):

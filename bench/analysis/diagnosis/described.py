@@ -6,7 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.analysis.diagnosis.proof import Proof
+from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.effects.model import Model, shell_text
+from bench.analysis.noise.likelihood import Point
 from bench.base import FloatArray, finite, with_uncertainty
 
 
@@ -33,6 +35,10 @@ class DescribedFormula:
     acts: tuple[float, float]
     caution: str
     equivalent: tuple[str, ...]
+    rivals: tuple[Rival, ...]
+    """What a run has to tell apart: the formula, and those that are equivalent."""
+    point: Point
+    """The most likely noise with it."""
     beside: tuple[str, ...]
     model: Model
     contribution: tuple[FloatArray, ...] = field(default=(), repr=False)

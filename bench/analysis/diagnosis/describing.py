@@ -17,6 +17,7 @@ from bench.analysis.diagnosis.held_out import Unseen, settled, unseen
 from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import Proof, prove
 from bench.analysis.diagnosis.ranges import UNCATALOGUED
+from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import Explanation, with_found
 from bench.analysis.effects.model import entry_text
@@ -96,7 +97,7 @@ class _Ranked:
     after: Layout
     scored: Unseen
     borne: float
-    alike: tuple[str, ...] = ()
+    alike: tuple[FoundFormula, ...] = ()
 
     @property
     def total(self) -> float:
@@ -299,10 +300,10 @@ class Describer:
     def _listed(
         self, layout: Layout, ranked: Sequence[_Ranked], beside: tuple[str, ...] = ()
     ) -> tuple[DescribedFormula, ...]:
-        tied = [each.one.text for each in ranked[1:] if abs(each.total - ranked[0].total) <= TIE]
+        tied = [each.one for each in ranked[1:] if abs(each.total - ranked[0].total) <= TIE]
         listed = []
         for rank, each in enumerate(ranked[:_MOST]):
-            equivalent = tuple(dict.fromkeys([*(tied if rank == 0 else []), *each.alike]))
+            equivalent = tuple({one.text: one for one in (*(tied if rank == 0 else ()), *each.alike)}.values())
             listed.append(self._described(layout, (each,), equivalent, beside))
         return tuple(listed)
 
@@ -358,7 +359,7 @@ class Describer:
         return sizes, after.problem.base[:, at + first : end] @ fit.beta[first:]
 
     def _described(
-        self, layout: Layout, terms: Sequence[_Ranked], equivalent: tuple[str, ...], beside: tuple[str, ...]
+        self, layout: Layout, terms: Sequence[_Ranked], equivalent: tuple[FoundFormula, ...], beside: tuple[str, ...]
     ) -> DescribedFormula:
         parts = [term.one for term in terms]
         text, effect, theta = together(parts)
@@ -383,7 +384,9 @@ class Describer:
             amplitudes=tuple(amplitudes),
             acts=_acts(layout.temperature, contribution),
             caution=_caution(layout, parts, contribution),
-            equivalent=equivalent,
+            equivalent=tuple(one.text for one in equivalent),
+            rivals=tuple(Rival(one.text, one.effect, one.theta, one.evidence) for one in (*parts[:1], *equivalent)),
+            point=parts[-1].point,
             beside=beside,
             model=after.rows.model,
             contribution=layout.rows.scatter(contribution),
@@ -406,8 +409,8 @@ def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:
     cancels = _cancels(layout, first.one.contribution) and not _cancels(layout, other.one.contribution)
     least = first.total - (FORMULA_EVIDENCE if first.one.on_bound or cancels else TIE)
     if other.total > least and (cancels or len(other.one.theta) < len(first.one.theta)):
-        return replace(other, alike=(*first.alike, first.one.text))
-    return replace(first, alike=(*first.alike, other.one.text))
+        return replace(other, alike=(*first.alike, first.one))
+    return replace(first, alike=(*first.alike, other.one))
 
 
 def _judged(ranked: list[_Ranked]) -> list[_Ranked]:

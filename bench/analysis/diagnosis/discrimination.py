@@ -18,13 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, from_unit, orthonormal, outside, to_unit
 from bench.analysis.diagnosis.limits import probability
 from bench.analysis.diagnosis.plan import Plan
 from bench.analysis.diagnosis.prediction import ChamberModel, chamber_model, predicted_record
 from bench.analysis.diagnosis.refine import Refiner
 from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.effects.expression import Expression
 from bench.analysis.fit import design
 from bench.analysis.noise.likelihood import NoiseLattice, Point, coordinates, gls
 from bench.analysis.noise.whitening import Whitener
@@ -35,6 +36,10 @@ _HALF_DECADE = 8
 _NOISES = 3
 _POINTS = 6
 _REALISED = 0.55  # of D is what runs of mechanisms that are like the rivals, and not equal to them, have shown
+_MOST_ON_A_GRID = 2  # parameters of a formula: of more,
+_TRIED = 80  # … so many are tried about those found,
+_ABOUT = 0.15  # … within this share of the bounds that a model gives them, which are near already
+_SAME = 0.99  # correlation of what two rivals predict: no run that matters tells them apart
 _RULED_OUT = 100.0  # of -2 ln L: a truth that is told from all other parameters is told from these, too
 
 
@@ -72,7 +77,7 @@ class Discrimination:
         """`noise` is the most likely one; its neighbours on the lattice take part by their likelihood."""
         self._layout, self._rivals, self._noise, self._seed = layout, rivals, noise, seed
         self._base = layout.rows.bind(layout.theta, trial=True)[0]
-        self._candidates = [layout.candidate(rival.effect, rival.name) for rival in rivals]
+        self._candidates = [self._candidate(layout, rival) for rival in rivals]
         problem = layout.problem
         self._refiner = Refiner(problem, NoiseLattice(problem.records(), problem.interval_s))
 
@@ -127,7 +132,7 @@ class Discrimination:
         noises = 1 if roughly else _NOISES
         stacked = self._layout if plan is None else self._with(plan)
         problem = replace(stacked.problem, statics=())
-        candidates = [_kept(stacked.candidate(rival.effect, rival.name)) for rival in self._rivals]
+        candidates = [_kept(self._candidate(stacked, rival)) for rival in self._rivals]
         tried = [_some(thetas) if roughly else thetas for thetas in self._open]
         every, likely, variances = self._points
         points, weights = every[:noises], likely[:noises]
@@ -141,12 +146,42 @@ class Discrimination:
             known = lattice_of(self._layout.problem).way(point)
             for i, rival in enumerate(self._rivals):
                 white = way.apply(self._means(problem, candidates[i], self._drawn[i], known, sigma2))
-                others = [j for j, other in enumerate(self._rivals) if other.effect.family != rival.effect.family]
+                others = [j for j, other in enumerate(self._rivals) if other.family != rival.family]
                 rest = outside(basis, white)
                 least = [_least(white, rest, candidates[j], spaces[j], tried[j]) for j in others]
                 gaps.append(_REALISED * np.min(least, axis=0) / sigma2)
                 shares.append(np.full(DRAWS, weight * prior[i]))
         return Expected(np.concatenate(gaps), np.concatenate(shares))
+
+    def unlike(self, plan: Plan, most: int) -> list[Rival]:
+        """The first rival, and those after it that predict something else than those before them, in the runs and the
+        plan's together; at most so many.
+        """
+        stacked, y = self._with(plan), self._layout.problem.y
+        problem = replace(stacked.problem, statics=())
+        way, known = lattice_of(problem).way(self._noise), lattice_of(self._layout.problem).way(self._noise)
+        basis = orthonormal(way.apply(problem.base))
+        found, shapes = list[Rival](), list[FloatArray]()
+        for rival in self._rivals:
+            own = stacked.candidate(rival.effect, rival.name).columns(rival.theta)
+            fit = gls(np.column_stack([problem.base, own])[: len(y)], y, known)
+            shape = outside(basis, way.apply(own @ fit.beta[-own.shape[1] :]))
+            shape = shape / max(float(np.linalg.norm(shape)), 1e-300)
+            if len(found) < most and all(abs(float(shape @ other)) < _SAME for other in shapes):
+                found.append(rival)
+                shapes.append(shape)
+        return found
+
+    def _candidate(self, layout: Layout, rival: Rival) -> Candidate:
+        """The rival beside the model; where a grid of its parameters would be coarse, values about those found."""
+        candidate = layout.candidate(rival.effect, rival.name)
+        if not isinstance(rival.effect, Expression) or len(candidate.parameters) < _MOST_ON_A_GRID:
+            return candidate
+        rng, ends = np.random.default_rng(self._seed), candidate.parameters
+        found = np.array([to_unit(p, value) for p, value in zip(ends, rival.theta, strict=True)])
+        tried = np.clip(found + _ABOUT * rng.standard_normal((_TRIED, len(ends))), 0.0, 1.0)
+        values = [from_unit(p, own).tolist() for p, own in zip(ends, tried.T, strict=True)]
+        return replace(candidate, tried=(rival.theta, *zip(*values, strict=True)))
 
     @staticmethod
     def _spaces(candidate: Candidate, tried: Sequence[Theta], way: Whitener, basis: FloatArray) -> list[_Space]:

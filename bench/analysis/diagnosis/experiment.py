@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis
+from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.discrimination import Discrimination
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.plan import (
@@ -32,6 +33,7 @@ from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
 from bench.analysis.effects import registry as effects
+from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
@@ -45,6 +47,7 @@ _ENOUGH = 0.97
 _HOPELESS = 0.5
 """Probability of a decision after `_MOST_RUNS` runs below which the answer is that none can be had."""
 _MOST_RUNS = 3
+_MOST_RIVALS = 4  # formulas, the best first
 _CLOSELY = 4  # profiles of the library that are tried repeated and at every noise
 
 
@@ -105,13 +108,15 @@ def next_experiment(
     diagnosis: Diagnosis,
     runs: Sequence[Dataset],
     *,
+    check: Sequence[Dataset] = (),
     static: Dataset | None = None,
     limits: ChamberLimits | None = None,
 ) -> Proposal | None:
     """The run that decides what a diagnosis of these runs left open; None where it left nothing open.
 
     Of several effects found it takes the first that has look-alikes. The rivals are fitted here again, beside
-    everything else that was found. Where a proved formula stands in their place, it is the formulas that are open.
+    everything else that was found. Where a proved formula stands in their place, it is the formulas that are open:
+    those that neither the runs nor the `check` runs tell apart.
     """
     described = any(formula.proof.proved and not formula.beside for formula in diagnosis.formulas[:1])
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
@@ -119,6 +124,8 @@ def next_experiment(
         unknown = diagnosis.verdict == "unknown_effect" and (described or not diagnosis.found)
         open_word = diagnosis.verdict == "undecided" or unknown
         try:
+            if described and unknown:
+                return _between(diagnosis.formulas[0], (*runs, *check), static, limits)
             return _telling(diagnosis, limits or chamber_limits(runs), static) if open_word else None
         except InputError:  # no temperature, or one that stands still: nothing says what the chamber can do
             return None
@@ -126,12 +133,9 @@ def next_experiment(
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
         try:
-            fitted = fit_model(base, runs, covariance="none", weights="count")
+            layout = _layout(base, runs, static)
         except InputError:  # these rows do not determine what was found before it: nothing can be predicted
             return None
-        rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
-        still = None if static is None else Still.of(static, runs[0].interval_s)
-        layout = Layout(rows, np.array(list(fitted.theta.values())), still)
         known = {effect.name: effect for effect in catalogued(base, runs)}
         layout, offered = offer(layout, [known.get(name) or effects.make(name) for name in tied])
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
@@ -140,15 +144,32 @@ def next_experiment(
         return propose(layout, rivals, evidence.suspects[0].point, limits)
 
 
+def _layout(model: Model, runs: Sequence[Dataset], static: Dataset | None) -> Layout:
+    """The model fitted to the runs."""
+    fitted = fit_model(model, runs, covariance="none", weights="count")
+    rows = design.fit_rows(fitted.model, tuple(runs), [np.isfinite(r) for r in fitted.residuals])
+    still = None if static is None else Still.of(static, runs[0].interval_s)
+    return Layout(rows, np.array(list(fitted.theta.values())), still)
+
+
+def _between(
+    best: DescribedFormula, runs: Sequence[Dataset], static: Dataset | None, limits: ChamberLimits | None
+) -> Proposal | None:
+    """The run that tells a proved formula from those that are equivalent and predict something else elsewhere; None
+    without any.
+    """
+    if not best.equivalent:
+        return None
+    limits = limits or chamber_limits(runs)
+    with one_blas_thread():
+        layout = _layout(replace(best.model, effects=best.model.effects[:-1]), runs, static)
+        rivals = Discrimination(layout, best.rivals, best.point).unlike(minor_loops(limits), _MOST_RIVALS)
+        return propose(layout, rivals, best.point, limits)
+
+
 def _telling(diagnosis: Diagnosis, limits: ChamberLimits, static: Dataset | None) -> Proposal | None:
     """The run that tells what a misfit is that no effect explains; None where there is none."""
     word, names = str(diagnosis.verdict), [suspect.effect for suspect in diagnosis.found]
-    best = next(iter(diagnosis.formulas), None)
-    if word == "unknown_effect" and best is not None and best.proof.proved:
-        if not best.equivalent:
-            return None
-        why = "formulas that fit these runs equally well predict different errors on it: give it as --check"
-        return _proposal(minor_loops(limits), limits, (best.formula, *best.equivalent[:2]), why, use="check")
     if word == "undecided" and names:
         what = f"whether {' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
         why = f"it shows on data that no fit has seen {what}: give it as --check"
@@ -179,14 +200,14 @@ def propose(
     which somebody moves a channel by hand is for what stays open then.
     `limits` are what the chamber can do; by default the range that the runs visited and the rates that they showed.
     """
-    families = [rival.effect.family for rival in rivals]
+    families = [rival.family for rival in rivals]
     if len(set(families)) < 2:
         return None
     records = layout.rows.records
     limits = limits or chamber_limits(records)
     moved = {rival.name: sorted(set(rival.effect.needs) - _PREDICTABLE) for rival in rivals}
     thermal = [rival for rival in rivals if not moved[rival.name]]
-    if not moved[rivals[0].name] and len({rival.effect.family for rival in thermal}) > 1:
+    if not moved[rivals[0].name] and len({rival.family for rival in thermal}) > 1:
         # What the chamber can tell comes first: nobody has to be there.
         return _leaving_open(_designed(layout, thermal, noise, limits), [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})

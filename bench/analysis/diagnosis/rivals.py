@@ -1,4 +1,4 @@
-"""What a next experiment has to tell apart: effects as found."""
+"""What a next experiment has to tell apart: effects and formulas as found."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ from dataclasses import dataclass
 
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.effects.base import Effect
+from bench.analysis.effects.expression import Expression
 
 
 @dataclass(frozen=True)
 class Rival:
-    """One of the effects that the runs cannot tell apart, with the parameters and the evidence found for it."""
+    """An effect or a formula that the runs cannot tell from others, with its parameters and evidence as found."""
 
     name: str
     effect: Effect
     theta: Theta
     evidence: float
+
+    @property
+    def family(self) -> str:
+        """The cause: each formula is one of its own."""
+        return self.name if isinstance(self.effect, Expression) else self.effect.family

@@ -77,7 +77,7 @@ def diagnosed(  # noqa: PLR0913, PLR0917 - what a diagnosis rests on
         answer = diagnose(
             [data], model, check=check, static=static, sisters=sisters, floor_dph=floor_dph, workers=workers
         )
-        proposal = next_experiment(answer, [data], static=static)
+        proposal = next_experiment(answer, [data], check=check, static=static)
         proposed = {} if proposal is None else proposal.to_json(str(plan))
         yaml = "" if proposal is None else proposal.profile_yaml
         rungs = improvement_rungs(answer, [data], check)

@@ -130,9 +130,9 @@ def candidates(prior: Prior, driven: ChamberLimits, limits: ChamberLimits, chamb
     first_degc = [
         float(one.channel("temperature")[np.isfinite(one.channel("temperature"))][0]) for one in prior.records
     ]
-    start = float(round(float(np.median(first_degc)) - chamber.offset_degc))
+    start = float(round(float(np.median(first_degc)) - chamber.unit.offset_degc))
     ends = (limits.lowest_degc, limits.highest_degc)
-    low, high = (float(round(2.0 * (end - chamber.offset_degc)) / 2.0) for end in ends)
+    low, high = (float(round(2.0 * (end - chamber.unit.offset_degc)) / 2.0) for end in ends)
     for cold_first, back, loop, rates, soak in product(
         (True, False), ("none", "start", "other"), (False, True), ways, _SOAKS_MIN
     ):

@@ -89,6 +89,8 @@ def next_run(diagnosis: analysis.Diagnosis, imported: bool) -> Iterator[str]:
         if proposed["decides"]:
             elsewhere = f"run {proposed['profile']} in the chamber that this log is from, and import what it records"
             yield f"next: {elsewhere if imported else 'bench run ' + proposed['profile']}"
+            if len(proposed["separates"]) > 1:
+                yield f"tells apart: {'; '.join(proposed['separates'])}"
         yield str(proposed["why"])
 
 

@@ -74,12 +74,14 @@ def _advice(analysis: Analysis, answer: Diagnosis) -> Markup:
     parts = Markup()
     if answer.next_experiment:
         why, profile = answer.next_experiment["why"], answer.next_experiment["profile"]
+        apart = answer.next_experiment["separates"]
+        decides = f"This run would tell apart {listed(apart)}" if len(apart) > 1 else "This run would decide"
         if not answer.next_experiment.get("decides", True):
             parts += paragraph(f"Undecidable: {why}.")
         elif analysis.manifest.imported:
-            parts += paragraph(f"This run would decide: {why}. Its profile: {profile}.")
+            parts += paragraph(f"{decides}: {why}. Its profile: {profile}.")
         else:
-            parts += paragraph(f"This run would decide: {why}.") + commands([f"bench run {profile}"])
+            parts += paragraph(f"{decides}: {why}.") + commands([f"bench run {profile}"])
     model = _source(analysis, answer.model.name)
     lines = answer.following([str(analysis.run.path)], ["ANOTHER_RUN"], model, "better.yaml")
     if lines:

@@ -61,7 +61,8 @@ def diagnosis(inputs: dict[str, Any]) -> dict[str, Any]:
     content["figures"] = {} if brief else _figures(data, found)
     content["model_json"], content["improved"] = model_json(found.model), model_json(found.improved)
     still = None if static is None else computing.dataset(static)
-    proposal = None if brief else next_experiment(found, data, static=still)
+    unseen = [computing.dataset(run) for run in check]
+    proposal = None if brief else next_experiment(found, data, check=unseen, static=still)
     content["next_experiment"] = None if proposal is None else planned(proposal, Path(inputs["plans"]), data[0].name)
     return content
 
