@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.effects.model import Model, shell_text
-from bench.analysis.noise.likelihood import Point
 from bench.base import FloatArray, finite, with_uncertainty
+
+if TYPE_CHECKING:
+    from bench.analysis.noise.likelihood import Point
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +37,15 @@ class DescribedFormula:
     acts: tuple[float, float]
     caution: str
     equivalent: tuple[str, ...]
-    rivals: tuple[Rival, ...]
-    """What a run has to tell apart: the formula, and those that are equivalent."""
-    point: Point
-    """The most likely noise with it."""
     beside: tuple[str, ...]
     model: Model
     contribution: tuple[FloatArray, ...] = field(default=(), repr=False)
     residuals: tuple[FloatArray, ...] = field(default=(), repr=False)
     """What is left of each run (n,) with it in the model [deg/h]."""
+    rivals: tuple[Rival, ...] = field(default=(), repr=False)
+    """What a run has to tell apart: the formula, and those that are equivalent."""
+    point: Point = (0, 0)
+    """The most likely noise with it."""
 
     @property
     def weighed(self) -> str:
