@@ -14,7 +14,6 @@ from dataclasses import replace
 from functools import lru_cache, partial, reduce
 
 import numpy as np
-import scipy
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
 from bench.analysis.diagnosis.candidates import Candidate, Theta, from_unit, outside, to_unit
@@ -329,7 +328,7 @@ class FormulaSearch:
         steps = (np.arange(rows)[:, None] >= first).astype(np.float64)
         white = outside(at.basis, self._lattice.way(point).apply(steps))
         gain = (at.residual @ white) ** 2 / np.maximum(np.sum(white**2, axis=0), 1e-12)
-        near = scipy.ndimage.maximum_filter1d(gain, 2 * _APART + 1)
+        near = np.lib.stride_tricks.sliding_window_view(np.pad(gain, _APART), 2 * _APART + 1).max(axis=1)
         return [int(first[i]) for i in np.argsort(-gain) if gain[i] == near[i]]
 
     def _periods(self) -> list[float]:
