@@ -387,6 +387,19 @@ def test_a_sine_over_temperature_that_turns_with_its_rate_of_change_is_found(qui
 
 
 @pytest.mark.slow
+def test_a_line_that_comes_with_the_chambers_heater_is_found_with_it():
+    """It stood for heating times whatever channel is large in the cold, and the check run was predicted badly."""
+    unit = cases.case(("emi",), 1.0, 902, outside.RUN, MODEL)
+    run, check, still = unit.run(outside.RUN), unit.run(outside.CHECK, 1), unit.quiet(cases.STATIC, 4)
+    answer = diagnose([run], MODEL, check=[check], static=still)
+    best = answer.formulas[0]
+    heater = r"above\(chamber_temperature - lag\(chamber_temperature, 60\) \+ .*\)"
+    assert re.match(rf"k \* sin\(2\*pi\*time/60[67]\.\d\) \* {heater} \+ k_cos", best.formula), best.formula
+    assert "interference of the chamber's heater" in best.like
+    assert best.proof.after_dph < 1.15 * answer.floor_dph < best.proof.before_dph
+
+
+@pytest.mark.slow
 def test_noise_gives_no_formula(quiet):
     run, still = quiet
     answer = diagnose([run], MODEL, static=still)

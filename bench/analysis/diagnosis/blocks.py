@@ -239,12 +239,13 @@ class Formula:
         return None if shorter.blocks == self.blocks else (shorter, tuple(values))
 
     def shorter(self, theta: Theta) -> list[tuple[Formula, Theta]]:
-        """The formula without each of its blocks, and its parameters, where at least two remain."""
-        if len(self.blocks) < 3 or self.pair:
+        """The formula without each of its blocks, but for the sine of a pair, and its parameters, where two remain."""
+        if len(self.blocks) < 3:
             return []
         return [
             (replace(self, blocks=(*self.blocks[:i], *self.blocks[i + 1 :])), (*theta[: at.start], *theta[at.stop :]))
             for i, at in enumerate(self.own)
+            if i or not self.pair
         ]
 
     def one_way(self) -> list[Formula]:

@@ -74,7 +74,9 @@ class Grammar:
         if not formula.pair and formula.degree < _MOST_DEGREE:
             along = formula.along or self._centred("temperature")
             yield replace(formula, degree=formula.degree + 1, along=along), (values,)
-        for modifier in self.modifiers():
+        # What disturbs with a period of its own may come from the chamber's heater, or from its cooling.
+        switched = self._chamber()[::2] if formula.pair and self.ranges.gap else []
+        for modifier in (*self.modifiers(), *switched):
             for block in (modifier, modifier.looser):
                 if block and block.text not in have:
                     longer = replace(formula, blocks=(*formula.blocks, block))
