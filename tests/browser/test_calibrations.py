@@ -4,6 +4,8 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -23,22 +25,35 @@ def bench(tmp_path):
         yield bench
 
 
-def fill_in_papers(page, touch):
+def fill_in_papers(page, press, touch):
     """What certificates name, on the page's forms."""
 
-    def save(name):
-        button = page.get_by_role("button", name=name)
-        button.tap() if touch else button.click()
+    def write(field, text, keys=None):
+        if touch:
+            field.fill(text)
+        else:
+            press_tab_to(page, field)
+            page.keyboard.type(keys or text)
 
     for label, text in (("Laboratory", "Laboratory of tests"), ("Who signs", "Olha Koval")):
-        page.locator("#laboratory ~ fieldset .papers-fields").get_by_label(label).fill(text)
-    save("Save Laboratory")
+        write(page.locator("#laboratory ~ fieldset .papers-fields").get_by_label(label), text)
+    press(page, page.get_by_role("button", name="Save Laboratory"))
     page.get_by_text("Saved.").wait_for()
-    for label, text in (("Instrument (", "chamber sensor"), ("Serial number", "P-1"), ("Valid until", "2999-12-31"),
-                        ("Uncertainty (k = 2)", "0.1")):  # fmt: skip
-        page.locator("fieldset").get_by_label(label).fill(text)
-    page.locator("fieldset").get_by_label("Unit of the uncertainty").select_option("degC")
-    save("Save Reference equipment")
+    tool = page.locator("fieldset")
+    write(tool.get_by_label("Instrument ("), "chamber sensor")
+    write(tool.get_by_label("Serial number"), "P-1")
+    write(tool.get_by_label("Valid until"), "2999-12-31", "12312999")
+    write(tool.get_by_label("Uncertainty (k = 2)"), "0,1")
+    unit = tool.get_by_label("Unit of the uncertainty")
+    if touch:
+        unit.select_option("degC")
+    else:
+        press_tab_to(page, unit)
+        page.keyboard.press("ArrowDown")
+    with page.expect_request(lambda request: request.method == "PUT") as asked:
+        press(page, page.get_by_role("button", name="Save Reference equipment"))
+    (tool,) = asked.value.post_data_json["content"]["equipment"]
+    assert (tool["due"], tool["uncertainty"]) == ("2999-12-31", [{"value": 0.1, "unit": "degC"}])
     page.get_by_text("Saved.").nth(1).wait_for()
 
 
@@ -78,14 +93,9 @@ def begin(page, touch):
     picture(page, "ready-calibration-refused")
     press(page, page.get_by_role("link", name="Laboratory and equipment"))
     page.get_by_role("heading", name="Reference equipment").wait_for()
-    fill_in_papers(page, touch)
+    fill_in_papers(page, press, touch)
     picture(page, "laboratory", full_page=True)
-    home = page.get_by_role("link", name="Start", exact=True)
-    if touch:
-        home.tap()
-    else:
-        home.focus()
-        page.keyboard.press("Enter")
+    press(page, page.get_by_role("link", name="Start", exact=True))
     operator = page.get_by_label("Operator")
     operator.wait_for()
     operator.tap() if touch else press_tab_to(page, operator)
@@ -99,7 +109,7 @@ def begin(page, touch):
 
 
 @pytest.mark.slow
-def test_a_new_gyro_goes_to_its_certificate(bench, visitors):
+def test_a_new_gyro_goes_to_its_signed_certificate_by_keyboard_alone(bench, visitors, tmp_path):
     page = visitors.come(bench.site.address)
     begin(page, touch=False)
     picture(page, "calibration")
@@ -108,8 +118,14 @@ def test_a_new_gyro_goes_to_its_certificate(bench, visitors):
     picture(page, "calibration-done")
     assert page.locator(".job-steps [lang=en]").all_inner_texts() == []
     assert page.locator(".job-steps .warning").first.bounding_box()["width"] > 200
-    press_tab_to(page, printed)
+    page.get_by_text("Signed by: Simulated laboratory (certifies nothing)").wait_for()
+    with page.context.expect_page():
+        enter(page, printed)
     pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
+    (tmp_path / "printed.pdf").write_bytes(pdf.body())
+    command = ("-P", "-c", "from bench.cli import main; main()", "certificate", "--verify", tmp_path / "printed.pdf")
+    checked = subprocess.run((sys.executable, *command), check=False, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
     assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")
     job = page.url.partition("/calibrations/")[2]
     told = json.loads((bench.out / job / "job.json").read_text())

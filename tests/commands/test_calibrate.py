@@ -11,6 +11,7 @@ from xml.etree.ElementTree import fromstring
 import pytest
 
 from bench.base.errors import EquipmentError, InputError, RunAborted
+from bench.commands.acquisition import station_of
 from bench.commands.calibration.calibrate import calibrate
 from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
 from bench.commands.calibration.job import Case, Done
@@ -18,7 +19,7 @@ from bench.commands.calibration.junit import junit
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
 from bench.commands.calibration.recording import JOB_MARK
-from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError, check_order
+from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError, check_order, check_papers
 from bench.record import DiagnosisRecord
 from tests.support.commands import bench
 
@@ -269,6 +270,19 @@ def test_what_the_certificate_would_lack_is_said_before_anything_moves(tmp_path,
     order = Order.load(plan, station, "SIM-0001", tmp_path / "reports", quiet=True)
     if "simulatd" not in new:
         assert calibrate(order, steps=STEPS[:1], anew=True).step("check")["state"] == "done"
+
+
+def test_a_certificate_that_would_not_be_signed_is_told_before_anything_moves(tmp_path, monkeypatch):
+    order = Order.load(QUICK, PROFILES / "stations" / "simulated.yaml", "SIM-0001", tmp_path)
+    station, said = station_of(order.station_file()), "the certificate will not be signed: this bench has no key"
+    real = station.model_copy(update={"simulated": False})
+    assert not any(said in text for text in check_papers(order, station)), "its key is made"
+    assert any(said in text for text in check_papers(order, real))
+    monkeypatch.setenv("BENCH_KEYS", str(tmp_path))
+    (tmp_path / "laboratory.pem").write_text("no certificate")
+    (tmp_path / "laboratory.key").write_text("no key")
+    with pytest.raises(InputError, match="no private key in PEM"):
+        check_papers(order, real)
 
 
 TINY = """\

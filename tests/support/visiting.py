@@ -75,7 +75,7 @@ class Visitor:
 
     def _asked(self, request):
         parts = urlsplit(request.url)
-        if parts.scheme not in {"data", "blob"} and parts[:2] != self._origin:
+        if parts.scheme not in {"data", "blob", "chrome", "chrome-extension"} and parts[:2] != self._origin:
             self._said.append(f"asked another machine: {request.url}")
 
     @property

@@ -103,4 +103,5 @@ class CertifyImu:
             return Done("not wanted by the plan", {"pdf": None}, [Case("certificate", skipped=True, text="not wanted")])
         made = imu_certificate(calibration_of(job), CertificateOptions(), job.folder / "certificate.pdf").facts
         unit = ImuRecord.of(calibration_of(job)).unit
-        return Done(f"{made['number']}: unit {unit}", {"pdf": "certificate.pdf", "number": made["number"]})
+        kept = {"pdf": "certificate.pdf", "number": made["number"], "signer": made["signer"]}
+        return Done(f"{made['number']}: unit {unit}", kept)

@@ -86,7 +86,7 @@ def check_order(order: Order) -> list[str]:
     unit = station.chosen([order.serial])[0]
     if unit.identity is None and not any(map(str.isdigit, order.serial)):
         raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
-    warnings = _papers(order, station)
+    warnings = check_papers(order, station)
     until = load_profile(order.document(plan.profile)).until
     if plan.certificate and until is not None and until.lot is not None:
         raise InputError(
@@ -108,17 +108,20 @@ def check_order(order: Order) -> list[str]:
     return warnings
 
 
-def _papers(order: Order, station: StationSettings) -> list[str]:
-    """Refuse now what would make the certificate impossible after a day of measurement."""
+def check_papers(order: Order, station: StationSettings) -> list[str]:
+    """Warnings; InputError for what would make the certificate impossible after a day of measurement."""
     papers = order.papers().over(Papers.of_station(station))
+    warnings = []
     if order.plan.certificate:
         deliver.require_typst()
         for lack in lacking(papers.laboratory, papers.equipment, order.path, _PLACE):
             raise lack.error("a plan with `certificate: false` calibrates without one")
+        if not station.simulated and deliver.signer_of(None, None, False) is None:
+            warnings.append("the certificate will not be signed: this bench has no key of the laboratory")
     if papers.equipment is None:
-        return ["no equipment in the plan: the results are not metrologically traceable"]
+        return [*warnings, "no equipment in the plan: the results are not metrologically traceable"]
     refuse_overdue(load_instruments(papers.equipment), datetime.now(UTC).date(), papers.equipment.file)
-    return []
+    return warnings
 
 
 @dataclass(frozen=True)
@@ -344,7 +347,7 @@ class Certify:
         facts = certificate(calibration_of(job), options, job.folder / "certificate.pdf").facts
         word = facts["verdict"]
         hold, stop = verdict_of(word or "PASS", plan.policy, "the certificate")
-        kept = {"pdf": "certificate.pdf", "number": facts["number"]}
+        kept = {"pdf": "certificate.pdf", "number": facts["number"], "signer": facts["signer"]}
         return Done(f"{facts['number']}: {word}", kept, (), word, hold, stop)
 
 

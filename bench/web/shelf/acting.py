@@ -59,8 +59,8 @@ def certified(wanted: Mapping[str, Any]) -> dict[str, Any]:
     options = CertificateOptions(evidence, laboratory=laboratory, equipment=equipment, draft=draft)
     issue = certify if whole == folder else imu_certificate
     made = _told(wanted, lambda: issue(whole, options, None))
-    number, verdict = (made.facts.get(key) for key in ("number", "verdict"))
-    return {"number": number, "verdict": verdict, "draft": draft, "file": made.pdf.name}
+    told = {key: made.facts.get(key) for key in ("number", "verdict", "signer")}
+    return {**told, "draft": draft, "file": made.pdf.name}
 
 
 def examined(wanted: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import { may } from "../lib/store.js";
 import { stationName } from "../lib/names.js";
 import { sign, symbols, t } from "../lib/words.js";
 import { Going, useAct } from "./run.js";
+import { numberOf } from "./workbench/typed.js";
 import { Said } from "../lib/said.js";
 
 // Path of each field in the file; `!` must be filled in.
@@ -77,6 +78,9 @@ function Doctor({ station }) {
   </section>`;
 }
 
+/** With numbers in place of what was typed into fields of numbers. */
+const numbered = (content) => JSON.parse(JSON.stringify(content), (key, value) => (key === "value" && value ? numberOf(String(value)) : value));
+
 /** What is filled in, a line each: an empty field, or group, is none. */
 const filled = (value, path = "") => (typeof value !== "object" || value === null ? (value === "" ? [] : [`${path} ${value}`])
   : Object.keys(value).sort().flatMap((key) => filled(value[key], `${path}.${key}`)));
@@ -90,7 +94,7 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
     event.preventDefault();
     setState({ busy: true });
     try {
-      setPaper({ ...await put(url`/stations/${station}/papers/${kind}`, { content, digest: paper.digest }), content });
+      setPaper({ ...await put(url`/stations/${station}/papers/${kind}`, { content: numbered(content), digest: paper.digest }), content });
       setState({ saved: true });
     } catch (error) {
       setState({ error });
@@ -111,15 +115,15 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
 }
 
 function Field({ id, label, type, required, value, change }) {
-  const number = (text) => (text === "" ? "" : Number(text));
   const kinds = {
-    number: { type, step: "any", min: 1e-9 },
+    number: { type: "text", inputmode: "decimal", pattern: "\\s*(\\d+([.,]\\d*)?|[.,]\\d+)(e[\\-+]?\\d+)?\\s*" },
+    date: { type, max: "9999-12-31" },
     country: { type: "text", pattern: "[A-Z]{2}", maxLength: 2, title: t("papers.country_like") },
     text: { type, pattern: required ? ".*\\S.*" : undefined },
   };
   return html`<div class="field"><label for=${id}>${label}${required && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
     ${type === "unit" ? html`<select id=${id} value=${value} onChange=${(event) => change(event.target.value)}>${UNITS.map((unit) => html`<option key=${unit} value=${unit} selected=${unit === value}>${symbols(unit) || "–"}</option>`)}</select>`
-      : html`<input id=${id} ...${kinds[type] ?? { type }} required=${required} value=${value} onInput=${(event) => change(type === "number" ? number(event.target.value) : event.target.value)} />`}</div>`;
+      : html`<input id=${id} ...${kinds[type]} required=${required} value=${value} onInput=${(event) => change(event.target.value)} />`}</div>`;
 }
 
 const LaboratoryFields = ({ content, change }) => html`<div class="papers-fields">

@@ -6,6 +6,7 @@ import { navigate } from "../lib/router.js";
 import { startAct, startRun } from "../lib/starts.js";
 import { may } from "../lib/store.js";
 import { duration, moment, sign, t } from "../lib/words.js";
+import { Signed } from "./calibrations/signed.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
 import { isOffered, limitsName, planName, planTitle, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
@@ -93,7 +94,8 @@ function Certificate({ path, run, again }) {
     <${Going} job=${job} />
     ${job.error && html`<p><a href=${`/laboratory${station}`}>${t("papers.title")}</a></p>`}
     ${job.result && html`<p role="status"><${Lamp} tone=${job.result.draft ? "warn" : "good"}>${t(job.result.draft ? "run.certificate.drafted" : "run.certificate.issued", { number: job.result.number ?? "" })}<//> ${job.result.verdict && html`<${Verdict} word=${job.result.verdict} />`}
-      ${job.result.draft && html` <a href=${`/api/v1${path}/certificate?draft=true`} download>${t("run.certificate.get_draft")}</a>`}</p>`}
+      ${job.result.draft && html` <a href=${`/api/v1${path}/certificate?draft=true`} download>${t("run.certificate.get_draft")}</a>`}</p>
+      ${!job.result.draft && html`<p class="small"><${Signed} signer=${job.result.signer} /></p>`}`}
   <//>`;
 }
 

@@ -12,6 +12,7 @@ import { Headline, Segments, Troubles } from "../live/run.js";
 import { operatorOf, OperatorField } from "../start/operator.js";
 import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
 import { Said } from "../../lib/said.js";
+import { Signed } from "./signed.js";
 
 const LOOK_MS = 1000;
 const STOPPED = ["interrupted", "failed"];
@@ -115,7 +116,8 @@ function Repeat({ job: { start } }) {
 
 function Ended({ job }) {
   return html`<section class=${`notice ${toneOf(job)}`} role="status"><p class="job-word"><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></p>
-    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${job.sentence} /></p></section>
+    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${job.sentence} whole names=${[job.unit]} /></p>
+    ${job.certificate && html`<p class="small"><${Signed} signer=${job.steps.find(({ name }) => name === "certificate").facts.signer} /></p>`}</section>
   <div class="verdict-ways">
     ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
     ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a>`}
