@@ -99,13 +99,22 @@ def test_a_channel_with_its_unit_in_the_header_is_that_channel(tmp_path):
     np.testing.assert_allclose(plan.channels["temperature_1"], [20, 21])
 
 
-@pytest.mark.parametrize("header", ["imu_temp_degC", "Die temp [degC]", "T_temp_sensor"])
+@pytest.mark.parametrize("header", ["imu_temp_degC", "Die temp [degC]", "T_temp_sensor", "Sonde [°C]"])
 def test_the_only_column_that_may_be_a_thermometer_is_the_units(tmp_path, header):
     rows = "".join(f"{i},1,2{i},30\n" for i in range(3))
     plan = imported(write(tmp_path, f"time_s,rate_dph,{header},chamber_temp\n{rows}"))
     assert plan.channels["temperature"].tolist() == [20, 21, 22]
     both = write(tmp_path, f"time_s,rate_dph,{header},case_temp\n{rows}")
     assert "no column is temperature" in refusal(both)
+
+
+def test_the_only_column_in_a_unit_of_a_channel_is_that_channel(tmp_path):
+    plan = imported(write(tmp_path, "від пуску, хв;Т датчика, °C;вихід, °/с;U, В\n0;20,5;1;5\n0,5;21;2;5\n1;22;1;5\n"))
+    assert plan.time.tolist() == [0, 30, 60]
+    assert plan.channels["temperature"].tolist() == [20.5, 21, 22]
+    assert plan.channels["rate"].tolist() == [3600, 7200, 3600]
+    two = write(tmp_path, "time;A, °/с;B, °/год;T, °C\n0;1;1;20\n1;1;1;20\n")
+    assert "no column is rate; the table has 'time', 'A, °/с', 'B, °/год', 'T, °C'" in refusal(two)
 
 
 def test_a_quantity_that_no_channel_is_is_taken_where_the_map_names_it(tmp_path):

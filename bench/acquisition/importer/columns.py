@@ -286,17 +286,23 @@ def _obvious(table: Table, taken: set[str | None]) -> dict[str, list[str]]:
             continue  # a pressure in no unit, or a current in mV: of something else
         if channel is not None and name not in taken:
             found.setdefault(channel, []).append(name)
-    if not {*THERMOMETERS} & {*found}:
-        known = {name for names in found.values() for name in names} | taken
-        warm = [name for name in table.columns if "temp" in name.lower() and name not in known]
-        found |= {"temperature": warm} if len(warm) == 1 else {}  # such as imu_temp: the only one left
+    for channel, names in (("temperature", THERMOMETERS), ("rate", RATES), ("time", ("time",))):
+        if not {*names} & {*found}:  # the only one left, by its unit, or such as imu_temp
+            known = {name for names in found.values() for name in names} | taken
+            left = [name for name in table.columns if name not in known and _is_of(table, name, channel)]
+            found |= {channel: left} if len(left) == 1 else {}
     exact = {channel: [channel] for channel in found if channel in found[channel]}
     return {**found, **exact}
 
 
 def _has(table: Table) -> str:
-    unread = [f"{name} (no numbers)" for name in table.unread]
-    return f"the table has {', '.join([*table.columns, *unread])}"
+    unread = [f"{name!r} (no numbers)" for name in table.unread]
+    return f"the table has {', '.join([*map(repr, table.columns), *unread])}"
+
+
+def _is_of(table: Table, name: str, channel: str) -> bool:
+    unit = split_header(name, table.units.get(name))[1]
+    return (channel == "temperature" and "temp" in name.lower()) or (unit is not None and _measures(unit, channel))
 
 
 def _measures(unit: str, channel: str) -> bool:
