@@ -110,7 +110,14 @@ function Bench({ session, models, turned, whole }) {
   const open = isOpen(model) || (turning && !analysis.failed && analysis.result?.turned !== false);
   const settled = open ? analysis.result?.models[0].model : null;
   useEffect(() => settled && act({ type: "settle", model: settled }), [settled]);
-  useEffect(() => analysis.failed && same(model, START_MODEL) && act({ type: "settle", model: FOLLOWING_MODEL }), [analysis.failed]);
+  // The data choose the model where they do not determine the first one, or a part of them does not: nothing could be held out.
+  const followed = useRef("");
+  const unfit = analysis.failed || analysis.result?.models[0].held_out.some(({ reason }) => reason);
+  useEffect(() => {
+    if (!unfit || !same(model, START_MODEL) || followed.current === runs.runs.join()) return;
+    followed.current = runs.runs.join();
+    act({ type: "settle", model: FOLLOWING_MODEL });
+  }, [unfit, model]);
   // What is missing is told first; the pictures of it are many times as large and follow.
   const diagnosis = useJob("/diagnoses", open ? null : { ...runs, model, brief: true });
   const pictured = useJob("/diagnoses", diagnosis.result ? { ...runs, model } : null);
