@@ -131,9 +131,13 @@ def test_an_error_or_a_floor_that_is_not_known_says_why(page):
         route.fulfill(json=told)
 
     page.route("**/api/v1/jobs/*", unknown)
+    asked = []
+    page.on("request", lambda request: asked.append(request.post_data or "") if "/analyses" in request.url else None)
     choose(page)
     page.get_by_text("held-out: without block 7 of the run").wait_for()
     page.get_by_text("noise floor: no isothermal stretch of at least 5 minutes").wait_for()
+    page.wait_for_url("**model=*")
+    assert ['"intervals":"auto"' in body for body in asked][:2] == [False, True], "the data choose, once"
     page.unroute_all(behavior="ignoreErrors")
 
 
@@ -481,6 +485,27 @@ LADDER_AS_PAGE = """() => {
   const soft = getComputedStyle(document.documentElement).getPropertyValue('--soft').trim();
   return document.querySelector('.wb-ladder text').getAttribute('fill') === soft;
 }"""
+
+
+APART = """() => [...document.querySelectorAll('.wb-plot [class*="infolayer"] [class^="g-y"]')]
+  .map((title) => title.getBoundingClientRect()).filter(({ height }) => height)
+  .sort((a, b) => a.y - b.y).every(({ y }, at, all) => at === 0 || all[at - 1].bottom <= y)"""
+
+
+def test_a_figure_speaks_the_language_that_is_chosen_beside_it(page):
+    page.set_viewport_size({"width": 1366, "height": 768})
+    choose(page)
+    diagnosed(page)
+    page.locator(".wb-suspect-head").get_by_role("button", name="Add").first.click()
+    legend = page.locator(".wb-plot .legend")
+    legend.filter(has_text="residual before").wait_for()
+    assert "modelcompensated" in legend.text_content(), "names of effects that the page has other words for"
+    for language, said in (("uk", "попередній залишок"), ("zh", "之前的残差")):
+        page.locator(".bar select").select_option(language)
+        legend.filter(has_text=said).wait_for()
+        assert not re.search("[a-z]{3}", legend.text_content())
+        page.wait_for_function(APART)
+        page.locator(".wb-words").filter(has_text=re.compile(r"^[^+]*[а-я一-龥] \+ ")).wait_for()
 
 
 def test_figures_follow_the_size_of_the_window_and_its_colours(page):

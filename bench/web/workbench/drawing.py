@@ -340,7 +340,7 @@ def channels(drawing: Drawing) -> Figure:
     data = drawing.data()
     plot = channels_figure(data)
     if plot is None:
-        raise InputError(f"{drawing.of.id} has no channels other than rate and temperature")
+        raise InputError("this run has no channels other than rate and temperature")
     names = further_channels(data)
     spans = [
         said("of", name={"label": f"{name} [{CHANNELS[name].unit}]"}, span=span(data.channels[name])) for name in names

@@ -1,7 +1,8 @@
 // A live chart: one uPlot instance that gets new data and is never recreated. Colours come from the page.
 import uPlot from "uplot";
 import { html, useEffect, useLayoutEffect, useRef } from "./preact.js";
-import { number, t } from "./words.js";
+import { useStore } from "./store.js";
+import { language, number, t } from "./words.js";
 
 /** A current colour of the page. */
 export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -76,7 +77,8 @@ export function Plot({ label, series, bands = [], data, version, span, least, re
       plot.current = null;
     };
   }, []);
-  useEffect(() => plot.current?.setData(data), [version]);
+  const speech = useStore(language); // numbers at the axes
+  useEffect(() => plot.current?.setData(data), [version, speech]);
   // The canvas has no text alternative; the numbers beside it show the same.
   return html`<div class="plot" ref=${(element) => {
     place.current = element;

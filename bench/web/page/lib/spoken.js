@@ -2,6 +2,8 @@
 import { planTitle, runTitle } from "./names.js";
 import { degrees, effectWord, known, language, quantityWord, sig, sign, symbols, t } from "./words.js";
 
+/** Letters of a title beside a third of a figure. */
+const MOST_IN_LINE = 14;
 const NAMED = /^(.*?)(?: ?\[([^\]]+)\])?$/s;
 
 const separators = () => {
@@ -18,10 +20,14 @@ function written({ number, digits = 3, decimals = undefined }) {
   return number.toFixed(decimals ?? Math.max(0, digits - 1 - exponent)).replace(".", separators().decimal).replace("-", "−");
 }
 
-/** A run that a text names by its id, or a soak, as people know it; any other text as it is. */
+/** What a model without a name of its own is called: by its effects. */
+const UNNAMED = /^\w+(?: \+ \w+)+$/;
+
+/** A run that a text names by its id, a soak, or a model by its effects, as people know it; any other text as it is. */
 function named(text) {
-  const [, degc] = text.match(/^soak at (-?[\d.]+)$/) ?? [];
-  if (degc) return t("segment.soak", { degc: degrees(Number(degc), 0) });
+  const [, order = "", degc] = text.match(/^(\d+: )?(?:soak|constant) at (-?[\d.]+)$/) ?? [];
+  if (degc) return order + t("segment.soak", { degc: degrees(Number(degc), 0) });
+  if (UNNAMED.test(text)) return text.split(" + ").map(effectWord).join(" + ");
   return /^[^/]+\/\d{8}T\d{6}Z_/.test(text) ? `${text.split("/")[0]} ${runTitle(text)}` : text;
 }
 
@@ -47,11 +53,14 @@ export const caption = ({ said, words }) => (said ? said.map(told).join(sign(" "
 export const labelled = (text) =>
   text.split("<br>").map((line) => line.split(", ").map((part) => {
     const [, name, unit] = part.match(NAMED);
-    const word = known(`figure.label.${name}`) ? t(`figure.label.${name}`) : name;
+    const word = known(`figure.label.${name}`) ? t(`figure.label.${name}`) : UNNAMED.test(name) ? t("figure.label.model") : name;
     return unit ? `${word}${word && " "}[${symbols(unit)}]` : word;
   }).join(sign(", "))).join("<br>");
 
-const titled = (holder) => (holder?.title?.text ? { ...holder, title: { ...holder.title, text: labelled(holder.title.text) } } : holder);
+/** A title of an axis that shares its side with others; a long one in two lines. */
+const stacked = ({ domain: [low, high] = [0, 1] }, text) => (high - low < 0.5 && text.length > MOST_IN_LINE ? text.replace(" [", "<br>[") : text);
+
+const titled = (holder) => (holder?.title?.text ? { ...holder, title: { ...holder.title, text: stacked(holder, labelled(holder.title.text)) } } : holder);
 
 /** Quantity and value of an axis below the mouse, to four digits with its unit. */
 function hovered(axis, side) {
@@ -60,7 +69,7 @@ function hovered(axis, side) {
   return `${name ? `${labelled(name)} ` : ""}${value}${unit ? ` ${symbols(unit)}` : ""}`;
 }
 
-const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : planTitle({ id: name, title: labelled(named(name)) }));
+const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : planTitle({ id: name, title: UNNAMED.test(name) ? labelled(name) : labelled(named(name)) }));
 
 function spokenTrace(trace, layout) {
   const axes = { x: layout[`xaxis${(trace.xaxis ?? "x").slice(1)}`], y: layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`] };

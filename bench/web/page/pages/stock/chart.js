@@ -1,7 +1,8 @@
 // A figure on a page: drawn, described in words, controlled by keys, saved as a file.
 import { html, useEffect, useLayoutEffect, useRef, useState } from "../../lib/preact.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
-import { t } from "../../lib/words.js";
+import { useStore } from "../../lib/store.js";
+import { language, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 import { spokenTitles } from "../../lib/spoken.js";
 
@@ -23,13 +24,17 @@ export function Chart({ figure, words, name, height = 380, onPick }) {
     drawn.current = new Drawn(place.current);
     return () => drawn.current.end();
   }, []);
+  const speech = useStore(language);
+  const shown = useRef(null);
   useEffect(() => {
     const listening = drawn.current.listening;
-    drawn.current.show(spokenTitles(figure)).then(
+    const keep = figure === shown.current;
+    shown.current = figure;
+    drawn.current.show(spokenTitles(figure), keep).then(
       () => !listening && place.current?.on?.("plotly_click", (event) => pick.current?.(event.points[0].x)),
       setTrouble,
     );
-  }, [figure]);
+  }, [figure, speech]);
   useEffect(() => {
     place.current.style.height = `${height}px`;
   }, [height]);

@@ -4,7 +4,8 @@ import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { symbols } from "../../lib/words.js";
+import { useStore } from "../../lib/store.js";
+import { language, symbols } from "../../lib/words.js";
 import { caption, spoken } from "../../lib/spoken.js";
 import { Drawn, saveCsv } from "../../lib/figure.js";
 import { Said } from "../../lib/said.js";
@@ -43,10 +44,13 @@ export function Picture({ answer, job = null, name, title, onZoom, onPoint = nul
     drawn.current = new Drawn(place.current, (shown) => tell.current?.(shown), (point) => point_.current?.(point));
     return () => drawn.current.end();
   }, []);
+  const speech = useStore(language);
+  const shown = useRef(null);
   useEffect(() => {
     if (!answer) return;
-    drawn.current.show(spoken(answer.figure), keep, range, mark).then(() => setFailed(""), (error) => setFailed(error.message));
-  }, [answer, mark]);
+    drawn.current.show(spoken(answer.figure), keep || answer === shown.current, range, mark).then(() => setFailed(""), (error) => setFailed(error.message));
+    shown.current = answer;
+  }, [answer, mark, speech]);
   const key = (event) => {
     if (!event.ctrlKey && !event.metaKey && !event.altKey && drawn.current.key(event.key)) event.preventDefault();
   };
@@ -162,7 +166,7 @@ export function Pictures({ session, picked, once }) {
   // A range that the figure has not told is one of the address: of a link, back or forward.
   const keep = last.current.what === what && (zoom === last.current.zoom || zoom === told.current);
   const fresh = picked?.answer ?? job.result;
-  const drawn = useMemo(() => (fresh && ghost ? { ...fresh, figure: haunted(fresh.figure, ghost.figure, t("workbench.figure.before")) } : fresh), [fresh, ghost]);
+  const drawn = useMemo(() => (fresh && ghost ? { ...fresh, figure: haunted(fresh.figure, ghost.figure) } : fresh), [fresh, ghost]);
   if (drawn) last.current = { what, zoom, answer: drawn };
   if (fresh?.axes) axes.current = fresh.axes;
   // A figure of another kind must not be shown under this tab, even while its own figure is loading.
