@@ -451,13 +451,48 @@ def test_a_note_and_a_view_are_kept_with_the_run_and_opened_again(page):
     page.get_by_role("link", name="the loop").wait_for(state="detached")
 
 
-def test_two_runs_are_compared(page, visitors, address):
-    choose(page)
+POINT = """() => {
+  const plot = document.querySelector('.wb-plot'), box = plot.getBoundingClientRect();
+  const { xaxis, yaxis } = plot._fullLayout;
+  const upper = plot._fullData.filter((trace) => (trace.yaxis ?? 'y') === 'y' && trace.hoverinfo !== 'skip');
+  const { x, y } = upper.find((trace) => trace.x.length > 100);
+  const middle = Math.floor(x.length / 2);
+  return [box.x + xaxis._offset + xaxis.d2p(x[middle]), box.y + yaxis._offset + yaxis.d2p(y[middle])];
+}"""
+
+
+def point_at_a_row(page):
+    """Move the mouse to a row in the middle of the first figure."""
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    page.wait_for_function("document.querySelector('.wb-plot')._fullData")
+    at = page.evaluate(POINT)
+    page.mouse.move(at[0] - 3, at[1])
+    page.mouse.move(*at)
+    page.locator(".wb-plot .hoverlayer .hovertext").first.wait_for()
+
+
+def compare(page):
     page.get_by_role("button", name="Compare").click()
     page.get_by_role("combobox", name="Compare with").fill("MYSTERY check")
     page.locator("[role=option]", has_text="Verification, minor loops").click()
+
+
+def test_two_runs_are_compared(page, visitors, address):
+    choose(page)
+    compare(page)
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     page.locator(".wb-words", has_text="MYSTERY").wait_for()
+    with page.expect_download() as download:
+        page.locator(".wb-pair-pictures").get_by_role("button", name="CSV").first.click()
+    rows = list(csv.reader(io.StringIO(download.value.path().read_text())))
+    assert rows[0] == ["run", "time [s]", "temperature [degC]", "bias [deg/h], minus its mean"]
+    assert len({row[0] for row in rows[1:]}) == 2
+    point_at_a_row(page)
+    page.get_by_role("button", name="Back to the workbench").click()
+    page.get_by_text("The dotted line is the moment").wait_for()
+    point_at_a_row(page)
+    compare(page)
+    page.locator(".wb-compare").get_by_text("The dotted line is the moment").wait_for()
     page.reload()
     page.get_by_text("Conditions").or_(page.get_by_text("Segments")).first.wait_for()
     told = page.locator(".wb-compare").text_content()
@@ -520,24 +555,9 @@ def test_figures_follow_the_size_of_the_window_and_its_colours(page):
         page.wait_for_function(LADDER_AS_PAGE)
 
 
-POINT = """() => {
-  const plot = document.querySelector('.wb-plot'), box = plot.getBoundingClientRect();
-  const { xaxis, yaxis } = plot._fullLayout;
-  const upper = plot._fullData.filter((trace) => (trace.yaxis ?? 'y') === 'y' && trace.hoverinfo !== 'skip');
-  const { x, y } = upper.find((trace) => trace.x.length > 100);
-  const middle = Math.floor(x.length / 2);
-  return [box.x + xaxis._offset + xaxis.d2p(x[middle]), box.y + yaxis._offset + yaxis.d2p(y[middle])];
-}"""
-
-
 def test_what_the_mouse_points_at_in_one_figure_is_marked_in_the_others(page):
     choose(page)
-    plot = page.locator(".wb-plot .main-svg").first
-    plot.wait_for()
-    at = page.evaluate(POINT)
-    page.mouse.move(at[0] - 3, at[1])
-    page.mouse.move(*at)
-    page.locator(".wb-plot .hoverlayer .hovertext").first.wait_for()
+    point_at_a_row(page)
     page.get_by_role("tab", name="Over temperature").click()
     page.get_by_text("The dotted line is the moment").wait_for()
     page.locator('.wb-plot .shapelayer path[style*="dasharray"]').first.wait_for(state="attached")
@@ -548,11 +568,7 @@ def test_what_the_mouse_points_at_in_overlaid_runs_is_marked_in_the_figure_of_th
     check, ramp = (f"{path.parent.name}/{path.name}" for path in sorted(mystery.glob("MYSTERY-*/*_[cr]*")))
     asked = {"run": ramp, "check": check, "figure": "axes", "over": "dT_dt", "of": "all"}
     page.goto(f"/workbench?{urlencode(asked)}")
-    page.locator(".wb-plot .main-svg").first.wait_for()
-    at = page.evaluate(POINT)
-    page.mouse.move(at[0] - 3, at[1])
-    page.mouse.move(*at)
-    page.locator(".wb-plot .hoverlayer .hovertext").first.wait_for()
+    point_at_a_row(page)
     page.get_by_label("Residual over").select_option("temperature")
     page.get_by_text("The dotted line is the moment").wait_for()
     picture(page, "workbench-overlaid-moment")

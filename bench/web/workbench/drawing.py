@@ -216,7 +216,13 @@ def _side_by_side(drawing: Drawing) -> Figure:
     spans = [
         said("of", name=name, span=span(data.bias - zero)) for (name, data), zero in zip(pairs, zeros, strict=True)
     ]
-    return captioned(side_by_side(pairs), [said("side_by_side", spans=spans)])
+    rows = [
+        [name, *row]
+        for (name, data), zero in zip(pairs, zeros, strict=True)
+        for row in columns({"t": data.time, "x": data.channel("temperature"), "y": data.bias - zero})[1:]
+    ]
+    table = [["run", "time [s]", "temperature [degC]", "bias [deg/h], minus its mean"], *rows]
+    return captioned(side_by_side(pairs), [said("side_by_side", spans=spans)], table)
 
 
 def map_(drawing: Drawing) -> Figure:

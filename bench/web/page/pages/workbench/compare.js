@@ -1,7 +1,7 @@
 // Two runs side by side, of one unit or of two: only the differences, largest first.
 import { duration, html, or, t, number, runTitle, unitOf, Waiting } from "./parts.js";
 import { Chooser } from "./chooser.js";
-import { Picture } from "./pictures.js";
+import { Picture, linked } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
 import { Said } from "../../lib/said.js";
@@ -98,9 +98,11 @@ function Table({ part, caption, name, open }) {
 /** Both runs in one figure; the difference of their model curves if both have one. */
 function Pictured({ a, b, difference }) {
   const both = useJob("/figures", { kind: "temperature", runs: [a], check: [b], model: null });
+  const { mark, onPoint, told } = linked("pair", "temperature", both.result, "");
   return html`<div class="wb-pair-pictures">
     <section class="wb-card"><h3>${t("workbench.figure.temperature")}</h3>${both.failed && html`<p class="wb-bad" role="alert"><${Said} text=${both.failed} /></p>`}
-      <${Picture} answer=${both.result} job=${both} title=${t("workbench.figure.temperature")} name=${`${a} ${b}`} /></section>
+      ${told}
+      <${Picture} answer=${both.result} job=${both} onPoint=${onPoint} mark=${mark} title=${t("workbench.figure.temperature")} name=${`${a} ${b}`} /></section>
     ${difference?.figure && html`<section class="wb-card"><h3>${t("workbench.compare.curves")}</h3>
       <${Picture} answer=${difference} title=${t("workbench.compare.curves")} name=${`${a} ${b} curves`} /></section>`}
   </div>`;

@@ -139,6 +139,20 @@ function Choices({ session, kind, of, axes }) {
   </div>`;
 }
 
+/** The moment that the mouse points at, for the other figures: {mark, onPoint, told}. `answer` is of the run `of`, or has several in its table. */
+export function linked(view, kind, answer, of) {
+  const moment = pointed.get();
+  const several = answer?.csv?.[0]?.[0] === "run";
+  const mark = answer && moment && moment.view !== view && (several || moment.of === of) ? placeOf(kind, answer.csv, moment.time_s, moment.of) : null;
+  const onPoint = (point) => {
+    const run = several ? point.data.legendgroup : of;
+    const time_s = answer ? momentOf(kind, answer.csv, point, run) : null;
+    if (time_s !== null) pointed.set({ of: run, view, time_s });
+  };
+  const told = mark !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}${several ? ` ${runTitle(moment.of)}` : ""}</p>`;
+  return { mark, onPoint, told };
+}
+
 /** Figures of the session's runs under its model; `picked` {id, title, answer} is a figure of the diagnosis that replaces them; `once` drops a message told elsewhere. */
 export function Pictures({ session, picked, once }) {
   const { runs, model, before, over, left, zoom, act } = session;
@@ -178,14 +192,7 @@ export function Pictures({ session, picked, once }) {
     told.current = next ? `${axis}:${next.map((end) => Number(end.toPrecision(8))).join()}` : "";
     timer.current = setTimeout(() => act({ type: "zoom", zoom: told.current }), ZOOM_PAUSE_MS);
   };
-  const moment = pointed.get();
-  const view = `${kind} ${kind === "axes" ? over : ""} ${every}`;
-  const there = !picked && moment && (every || moment.of === of) && moment.view !== view && answer ? placeOf(kind, answer.csv, moment.time_s, moment.of) : null;
-  const onPoint = (point) => {
-    const run = every ? point.data.legendgroup : of;
-    const time_s = picked || !answer ? null : momentOf(kind, answer.csv, point, run);
-    if (time_s !== null) pointed.set({ of: run, view, time_s });
-  };
+  const { mark, onPoint, told: moment } = linked(`${kind} ${kind === "axes" ? over : ""} ${every}`, kind, picked ? null : answer, of);
   const words = { ...TABS(), picked: picked?.title };
   const shown = picked ? "picked" : kind;
   const title = words[shown];
@@ -197,8 +204,8 @@ export function Pictures({ session, picked, once }) {
       ${once(job.failed) && html`<p class="wb-bad" role="alert"><${Said} text=${job.failed} /></p>`}
       ${!picked && BOTH.includes(selection?.axis) && (!range || job.failed) && html`<p><${Selection} selection=${selection} heeded=${heeded} act=${act} /></p>`}
       ${answer?.note && html`<p class="wb-warn" role="alert">${once(answer.note) ? html`${t("workbench.figure.bare")} <${Said} text=${answer.note} />` : t("workbench.figure.bare_only")}</p>`}
-      ${there !== null && html`<p class="wb-soft">┊ ${t("workbench.figure.moment", { time: duration(moment.time_s) })}${every ? ` ${runTitle(moment.of)}` : ""}</p>`}
-      <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${there}
+      ${moment}
+      <${Picture} answer=${answer} job=${job} title=${title} onZoom=${onZoom} keep=${keep} range=${picked ? null : range} onPoint=${onPoint} mark=${mark}
         name=${`${of} ${model.name} ${shown}`} />
     </div>
   </section>`;
