@@ -194,6 +194,13 @@ def test_a_product_is_told_factor_by_factor(english: str, own: str) -> None:
 
 
 def test_a_channel_within_a_sentence_has_no_capital_letter() -> None:
-    english, script = "the drive times time", "console.log(JSON.stringify(page.told(given, 'uk')))"
+    english = "the drive times time"
+    script = f"""
+    globalThis.document = {{ documentElement: {{}} }};
+    const words = await import(new URL("{page_modules.SOURCE.as_uri()}/lib/words.js"));
+    await words.speak("uk");
+    await words.speakOfAll(); // with the names of channels, which begin the rows of a table
+    console.log(JSON.stringify(page.told(given, 'uk')));
+    """
     said = page_modules.told("lib/told.js", script, english)
     assert said == language.told(english, "uk") == "амплітуда збудження × час"
