@@ -38,7 +38,8 @@ NUMBERS = count()
 THERMOMETER = {"kind": "equipment", "name": "Pt100", "serial": "7", "type": "sensor", "due_on": "2027-01-31"}
 
 
-def test_runs_of_one_unit_are_not_compared_each_with_each(tmp_path):
+@pytest.mark.parametrize("unit", ["G", None])
+def test_runs_of_one_unit_are_not_compared_each_with_each(tmp_path, unit):
     """Thousands of runs of a golden unit: twice the runs, twice the steps of the database."""
     steps = []
     for number in (200, 400):
@@ -52,7 +53,7 @@ def test_runs_of_one_unit_are_not_compared_each_with_each(tmp_path):
             count = []
             with registry.reading() as connection:
                 connection.connection.driver_connection.set_progress_handler(partial(count.append, 1), 100)
-            assert len(runs(registry, "G")) == number
+            assert len(runs(registry, unit)) == number
             steps.append(len(count))
     assert 0 < steps[1] < 3 * steps[0]
 

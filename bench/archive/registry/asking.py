@@ -43,12 +43,9 @@ def runs(
 
 def once(unit: str | None = None) -> ColumnElement[bool]:
     """Of a run whose folder was copied to another archive, one row counts; with `unit`, among its runs."""
-    run, other = TABLES["runs"], TABLES["runs"].alias()
-    if unit is not None:  # each run is not compared with each
-        first = select(func.min(other.c.id)).where(other.c.unit == unit).group_by(other.c.manifest_sha256)
-        return run.c.id.in_(first)
-    same = (other.c.unit == run.c.unit, other.c.manifest_sha256 == run.c.manifest_sha256)
-    return ~select(other.c.id).where(*same, other.c.id < run.c.id).exists()
+    other = TABLES["runs"].alias()
+    first = select(func.min(other.c.id)).group_by(other.c.unit, other.c.manifest_sha256)  # no run is compared with each
+    return TABLES["runs"].c.id.in_(first if unit is None else first.where(other.c.unit == unit))
 
 
 def known_runs(registry: Registry, archive: str) -> tuple[bool, frozenset[str]]:
