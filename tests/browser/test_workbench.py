@@ -331,7 +331,7 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert field <= line, "a long one stays in its line"
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
-    page.get_by_text("Saved as mine").wait_for()
+    page.get_by_text("Saved as mine; commands know it by --model mine").wait_for()
     assert "k * time" in (mystery / "profiles" / "models" / "mine.yaml").read_text()
     page.goto(page.url)
     page.get_by_label("Start with").select_option("mine")

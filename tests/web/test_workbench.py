@@ -375,6 +375,11 @@ def test_a_model_of_the_page_is_one_of_the_command_line_by_its_name(
     assert "theirs" in {model["name"] for model in client.get(f"{API}/models").json()["models"]}
 
 
+def test_a_parameter_of_a_model_has_its_unit(client: httpx.Client) -> None:
+    (model,) = done(client, "/analyses", {"runs": [RUN], "models": [LOOP]})["models"]
+    assert [(one["key"], one["unit"]) for one in model["parameters"]] == [("hysteresis.width_degc", "degC")]
+
+
 def test_the_page_offers_every_model_that_can_be_read(client: httpx.Client, store: Path) -> None:
     client.post(f"{API}/models", json={"name": "offered", "model": LOOP})
     (store / "profiles" / "models" / "broken.yaml").write_text("name: broken")

@@ -120,6 +120,9 @@ def analysis(inputs: dict[str, Any]) -> dict[str, Any]:
     for entry, score in zip(content["models"], scores, strict=True):
         entry["yaml"] = score.model.to_yaml()
         entry["model"] = model_json(score.model)
+        pairs = zip(score.model.keys, score.model.effects, strict=True)
+        units = {f"{key}.{one.name}": one.unit for key, effect in pairs for one in effect.parameters}
+        entry["parameters"] = [{**one, "unit": units[one["key"]]} for one in entry["parameters"]]
     content["turned"] = turned
     kept = ("name", "rms_dph", "held_out_rms_dph")
     content["rungs"] = [{key: entry[key] for key in kept} for entry in content["models"]]

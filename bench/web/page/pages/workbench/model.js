@@ -73,7 +73,7 @@ function Save({ model, onSaved }) {
       <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setName(event.target.value)} />
       <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
     </div>
-    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && html`${message.good ? "✓" : "✕"} <${Said} text=${message.text} />`}</p>
+    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && (message.good ? `✓ ${message.text}` : html`✕ <${Said} text=${message.text} />`)}</p>
   </form>`;
 }
 
