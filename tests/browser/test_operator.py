@@ -128,6 +128,21 @@ def test_the_start_page_is_small_and_brings_no_library_of_charts(site, visitors,
     assert all("immutable" in page.request.get(url).headers["cache-control"] for url in files)
 
 
+def test_the_start_page_is_fetched_beside_its_words(site, visitors):
+    page, held = visitors.come(site[0], locale="uk"), []
+
+    def hold(route):
+        held.append(route)
+
+    page.route("**/static/uk-*.js", hold)
+    with page.expect_request("**/static/start-*.js", timeout=20_000):
+        page.goto("/", wait_until="commit")
+    while not held:
+        page.wait_for_timeout(10)
+    held[0].continue_()
+    page.locator("#serial").wait_for()
+
+
 @pytest.mark.parametrize("locale", ["en-GB", "uk", "zh"])
 def test_every_page_is_in_sight_in_the_menu_of_a_telephone(site, visitors, locale):
     page = visitors.come(site[0], locale=locale, size=PHONE)

@@ -128,6 +128,8 @@ const root = document.getElementById("app");
 keepFocus(root);
 
 async function begin() {
+  const page = match(ROUTES, here.get().path)?.page;
+  if (page) PAGES[page]().catch(() => {}); // beside the words, not after them; what fails is asked again in its place
   const [, who] = await Promise.all([speak(), get("/session")]);
   session.set(who);
   takeLinks();
