@@ -97,9 +97,9 @@ def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:
             {"x": [1], "meta": "residual", "yaxis": "y2", "line": {"color": "blue", "width": 3}},
         ]
     }
-    script = "console.log(JSON.stringify(page.haunted(given[0], given[1], 'before')))"
+    script = "console.log(JSON.stringify(page.haunted(...given)))"
     drawn = told("pages/workbench/ghost.js", script, [new, old])
-    assert [trace["name"] for trace in drawn["data"]] == ["before", "measured", "compensated"]
+    assert [trace["name"] for trace in drawn["data"]] == ["residual before", "measured", "compensated"]
     ghost = drawn["data"][0]
     assert (ghost["yaxis"], ghost["x"], ghost["line"]["width"]) == ("y2", [1], 3)
     assert ghost["line"]["color"] != "blue"

@@ -31,6 +31,8 @@ const PAGES = {
 };
 /** Components of the pages that were fetched; each gets {params, query}. */
 const fetched = {};
+/** The page of the address, which is fetched beside its words and not after them. */
+const early = {};
 
 // Address, page, key of the title.
 const ROUTES = [
@@ -74,7 +76,9 @@ function Place({ route, place }) {
   const Page = fetched[route.page];
   useEffect(() => {
     if (Page) return;
-    PAGES[route.page]().then(({ default: page }) => {
+    const asked = early[route.page] ?? PAGES[route.page]();
+    delete early[route.page];
+    asked.then(({ default: page }) => {
       fetched[route.page] = page;
       redraw(route.page);
       sessionStorage.removeItem(RELOADED);
@@ -129,7 +133,7 @@ keepFocus(root);
 
 async function begin() {
   const page = match(ROUTES, here.get().path)?.page;
-  if (page) PAGES[page]().catch(() => {}); // beside the words, not after them; what fails is asked again in its place
+  if (page) (early[page] = PAGES[page]()).catch(() => {}); // told in its place
   const [, who] = await Promise.all([speak(), get("/session")]);
   session.set(who);
   takeLinks();
