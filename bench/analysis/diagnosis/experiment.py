@@ -115,8 +115,8 @@ def next_experiment(
     """The run that decides what a diagnosis of these runs left open; None where it left nothing open.
 
     Of several effects found it takes the first that has look-alikes. The rivals are fitted here again, beside
-    everything else that was found. Where a proved formula stands in their place, it is the formulas that are open:
-    those that neither the runs nor the `check` runs tell apart.
+    everything else that was found. Where a proved formula stands in their place, it is the formulas that are open.
+    What the `check` runs tell is known, too.
     """
     described = any(formula.proof.proved and not formula.beside for formula in diagnosis.formulas[:1])
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
@@ -133,7 +133,7 @@ def next_experiment(
     base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
         try:
-            layout = _layout(base, runs, static)
+            layout = _layout(base, (*runs, *check), static)
         except InputError:  # these rows do not determine what was found before it: nothing can be predicted
             return None
         known = {effect.name: effect for effect in catalogued(base, runs)}

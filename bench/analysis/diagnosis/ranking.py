@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from bench.analysis.diagnosis.evidence import Evidence, Suspect
 from bench.analysis.diagnosis.held_out import removed, settled, with_suspect
 from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
-from bench.analysis.diagnosis.verdict import Explanation
+from bench.analysis.diagnosis.verdict import Explanation, acts_again, contenders, total
 from bench.analysis.effects.base import Effect, options_of
-from bench.analysis.thresholds import PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE
+from bench.analysis.thresholds import FORMULA_EVIDENCE, PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE
 from bench.base import FloatArray, number
 from bench.record import Dataset
 
@@ -32,6 +32,7 @@ class Ranking:
     offer: Offer
     check: tuple[Dataset, ...]
     floor_dph: float
+    _known: dict[int, dict[str, float]] = field(default_factory=dict, repr=False)
 
     def suspects(self) -> tuple[SuspectedEffect, ...]:
         """What was found, strongest first, then what comes next in evidence."""
@@ -53,7 +54,7 @@ class Ranking:
         scored = with_suspect(layout, effect, suspect, self.check)
         before = settled(layout, suspect.way, self.check, scored.left)
         proof = prove(before.left, scored.left)
-        alike, values = alike or self._look_alikes(evidence, suspect), _values(layout, effect, suspect)
+        alike, values = alike or self._look_alikes(layout, evidence, suspect), _values(layout, effect, suspect)
         if found:
             better = self._preferred(layout, evidence, suspect, scored.left)
             alike = tuple(dict.fromkeys([*better, *alike]))
@@ -91,14 +92,27 @@ class Ranking:
         ]
         return dict(sorted(better, key=lambda pair: pair[1]))
 
-    def _look_alikes(self, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
-        """Names within the tie of the best, if the suspect is within it, too, and the best beats chance."""
+    def _look_alikes(self, layout: Layout, evidence: Evidence, suspect: Suspect) -> tuple[str, ...]:
+        """Names within the tie of the best, if the suspect is within it, too, and the best beats chance: by the run,
+        or by the run and the check runs together.
+        """
         ranked = evidence.each_once()
         if not ranked or ranked[0].evidence <= self.explained.threshold:
             return ()
-        tied = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
-        own = suspect.effect
-        return tuple(name for name in tied if name != own) if own in tied else ()
+        names = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
+        told = self._told(layout, evidence) if self.check else {}
+        if suspect.effect in told:  # a check run can show it
+            least = max(told.values()) - FORMULA_EVIDENCE  # their likelihood knows the parameters as the runs have them
+            names = [one.effect for one in ranked if told.get(one.effect, -np.inf) >= least]
+        return tuple(name for name in names if name != suspect.effect) if suspect.effect in names else ()
+
+    def _told(self, layout: Layout, evidence: Evidence) -> dict[str, float]:
+        """Evidence of each contender that check runs can show, by the runs and these together."""
+        if id(evidence) not in self._known:
+            near = [one for one in contenders(evidence) if acts_again(layout, self.offer, self.check, one)]
+            weighed = zip(near, total(layout, self.offer, self.check, evidence.point, near), strict=True)
+            self._known[id(evidence)] = {one.effect: own + one.charged for one, own in weighed}
+        return self._known[id(evidence)]
 
 
 def _doubt(better: Mapping[str, float], values: Mapping[str, Value], alike: Sequence[str]) -> str:

@@ -26,6 +26,8 @@ from bench.record import Dataset
 
 MOST_EFFECTS = 3
 _NULLS = 300
+_OUTWEIGHED = 2.0 * FORMULA_EVIDENCE
+"""Evidence of the run that check runs may outweigh."""
 _LEADERS = 5
 """Effects that the check runs are asked about."""
 _MINOR = 0.15
@@ -162,10 +164,22 @@ class Search:
             alike = tuple(one.effect for one in enough[1:])
         if not enough or _rounded(layout, enough[0]):
             return None
-        # A parameter on its bound says that this is not the effect; one that no data tell from it may be.
-        tied = (one for one in enough if one.evidence >= enough[0].evidence - TIE)
-        best = next((one for one in tied if not one.on_bound), enough[0])
+        best = self._chosen(layout, evidence, enough, alone=not others)
         return FoundEffect(layout, evidence, best, self.offer.effects[best.name], alike)
+
+    def _chosen(self, layout: Layout, evidence: Evidence, enough: Sequence[Suspect], *, alone: bool) -> Suspect:
+        """Of those that have enough evidence the best one; `alone`, and with check runs, the one of its rivals that
+        these bear most, if they can show it.
+
+        A parameter on its bound says that this is not the effect; one that no data tell from it may be.
+        """
+        tied = [one for one in enough if one.evidence >= enough[0].evidence - TIE]
+        best = next((one for one in tied if not one.on_bound), enough[0])
+        asked = contenders(evidence) if self.check and alone else []
+        rivals = [one for one in asked if not one.on_bound and acts_again(layout, self.offer, self.check, one)]
+        if best not in rivals or len(rivals) < 2:
+            return best
+        return rivals[int(np.argmax(self._total(layout, evidence.point, rivals)))]
 
     def _further(self, suspect: Suspect) -> float:
         """Evidence that it needs beside others."""
@@ -176,7 +190,7 @@ class Search:
         """The leaders of which the run and the check runs together tell enough, and no other one more."""
         if not self.check:
             return []
-        leaders = [leader for leader in leaders if leader.sized and self._acts_again(layout, leader)]
+        leaders = [leader for leader in leaders if leader.sized and acts_again(layout, self.offer, self.check, leader)]
         total = self._total(layout, point, leaders)
         least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
         return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
@@ -197,22 +211,7 @@ class Search:
         return prove(unseen(layout.rows, layout.theta, (), like=after).left, after).fall <= -PROVED_FALL
 
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
-        """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
-        borne = Borne(self.check, layout.problem.statics, point)
-        before = settled(layout, self.lattice.way(point), self.check).left
-        total = []
-        for leader in leaders:
-            after = with_suspect(layout, self.offer.effects[leader.name], leader, self.check).left
-            total.append(leader.evidence + (borne.gain(before, after) if self._acts_again(layout, leader) else 0.0))
-        return total
-
-    def _acts_again(self, layout: Layout, leader: Suspect) -> bool:
-        """Whether a check run can show it: a jump that happened once cannot."""
-        effect = layout.prepared(self.offer.effects[leader.name])
-        if effect.moves_abscissa:
-            return True
-        theta = {p.name: value for p, value in zip(effect.parameters, leader.theta, strict=True)}
-        return any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in self.check)
+        return total(layout, self.offer, self.check, point, leaders)
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice.
@@ -237,6 +236,40 @@ class Search:
             dropped.append(step.suspect.effect)
             return others
         return [*others, best]
+
+
+def contenders(evidence: Evidence) -> list[Suspect]:
+    """Effects that the run alone does not tell from the best one, and the next ones that check runs may bear more."""
+    ranked = evidence.each_once()
+    least = ranked[0].evidence if ranked else 0.0
+    return [
+        one for number, one in enumerate(ranked)
+        if one.evidence + one.charged >= least - (_OUTWEIGHED if number < _LEADERS else TIE)
+    ]  # fmt: skip
+
+
+def total(
+    layout: Layout, offer: Offer, check: Sequence[Dataset], point: Point, leaders: Sequence[Suspect]
+) -> list[float]:
+    """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
+    if not leaders:
+        return []
+    borne, found = Borne(check, layout.problem.statics, point), []
+    before = settled(layout, leaders[0].refiner.lattice.way(point), check).left
+    for leader in leaders:
+        after = with_suspect(layout, offer.effects[leader.name], leader, check).left
+        again = acts_again(layout, offer, check, leader)
+        found.append(leader.evidence + (borne.gain(before, after) if again else 0.0))
+    return found
+
+
+def acts_again(layout: Layout, offer: Offer, check: Sequence[Dataset], leader: Suspect) -> bool:
+    """Whether a check run can show it: a jump that happened once cannot."""
+    effect = layout.prepared(offer.effects[leader.name])
+    if effect.moves_abscissa:
+        return True
+    theta = {p.name: value for p, value in zip(effect.parameters, leader.theta, strict=True)}
+    return any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in check)
 
 
 def with_found(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:
