@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 
 from bench.analysis.diagnosis.borne import Borne
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.proof import LeftOut
 from bench.analysis.noise.likelihood import Record
 from bench.record import Dataset
+from benchmarks import cases
+from benchmarks.trials import MODEL
 
 ROWS, NOISE = 300, 0.1
 FAST = 0.2 * np.where(np.arange(ROWS) % 2, 1.0, -1.0)
@@ -49,3 +53,16 @@ def test_every_check_run_counts_with_a_constant_of_its_own():
 def test_without_check_runs_that_both_predict_nothing_is_said():
     assert Borne([], (), (-64, -64)).gain(left(1, 1.0), left(1, 0.0)) == 0.0
     assert Borne([run()], (), (-64, -64)).gain(LeftOut(reason="none"), left(1, 0.0)) == 0.0
+
+
+@pytest.mark.slow
+def test_of_effects_that_the_run_does_not_tell_apart_the_check_run_chooses():
+    """One ramp at one rate does not tell a loop from dT/dt; minor loops, on which dT/dt is wrong, do."""
+    unit = cases.case(("preisach",), 0.7, 912, cases.ONE_RATE, MODEL)
+    run, check, still = unit.run(cases.ONE_RATE), unit.run(cases.LOOPS, 1), unit.quiet(cases.STATIC, 4)
+    alone = diagnose([run], MODEL, static=still).found[0]
+    assert (alone.effect, "hysteresis" in alone.look_alikes) == ("temperature_rate", True)
+    answer = diagnose([run], MODEL, check=[check], static=still)
+    assert (answer.verdict, answer.found[0].effect) == ("missing_effect", "hysteresis")
+    assert "temperature_rate" not in answer.found[0].look_alikes
+    assert "temperature_rate" not in next_experiment(answer, [run], check=[check], static=still).separates

@@ -12,9 +12,9 @@ from bench.analysis.diagnosis.evidence import Evidence, Suspect
 from bench.analysis.diagnosis.held_out import removed, settled, with_suspect
 from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
-from bench.analysis.diagnosis.verdict import Explanation, acts_again, contenders, total
+from bench.analysis.diagnosis.verdict import RULED_OUT, Explanation, acts_again, contenders, total
 from bench.analysis.effects.base import Effect, options_of
-from bench.analysis.thresholds import FORMULA_EVIDENCE, PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE
+from bench.analysis.thresholds import PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE
 from bench.base import FloatArray, number
 from bench.record import Dataset
 
@@ -102,8 +102,8 @@ class Ranking:
         names = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
         told = self._told(layout, evidence) if self.check else {}
         if suspect.effect in told:  # a check run can show it
-            least = max(told.values()) - FORMULA_EVIDENCE  # their likelihood knows the parameters as the runs have them
-            names = [one.effect for one in ranked if told.get(one.effect, -np.inf) >= least]
+            least = max(told.values()) - RULED_OUT
+            names = [one.effect for one in ranked if told.get(one.effect, -np.inf) + one.charged > least]
         return tuple(name for name in names if name != suspect.effect) if suspect.effect in names else ()
 
     def _told(self, layout: Layout, evidence: Evidence) -> dict[str, float]:
@@ -111,7 +111,7 @@ class Ranking:
         if id(evidence) not in self._known:
             near = [one for one in contenders(evidence) if acts_again(layout, self.offer, self.check, one)]
             weighed = zip(near, total(layout, self.offer, self.check, evidence.point, near), strict=True)
-            self._known[id(evidence)] = {one.effect: own + one.charged for one, own in weighed}
+            self._known[id(evidence)] = {one.effect: own for one, own in weighed}
         return self._known[id(evidence)]
 
 

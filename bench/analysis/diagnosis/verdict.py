@@ -26,6 +26,9 @@ from bench.record import Dataset
 
 MOST_EFFECTS = 3
 _NULLS = 300
+RULED_OUT = FORMULA_EVIDENCE
+"""Evidence of runs and check runs together by which an effect lies below another one that it is not: that of the check
+runs knows the parameters as the runs have them, and not how well."""
 _OUTWEIGHED = 2.0 * FORMULA_EVIDENCE
 """Evidence of the run that check runs may outweigh."""
 _LEADERS = 5
@@ -168,8 +171,8 @@ class Search:
         return FoundEffect(layout, evidence, best, self.offer.effects[best.name], alike)
 
     def _chosen(self, layout: Layout, evidence: Evidence, enough: Sequence[Suspect], *, alone: bool) -> Suspect:
-        """Of those that have enough evidence the best one; `alone`, and with check runs, the one of its rivals that
-        these bear most, if they can show it.
+        """Of those that have enough evidence the best one; `alone`, and with check runs that can show it, of the rivals
+        that these do not rule out.
 
         A parameter on its bound says that this is not the effect; one that no data tell from it may be.
         """
@@ -179,7 +182,8 @@ class Search:
         rivals = [one for one in asked if not one.on_bound and acts_again(layout, self.offer, self.check, one)]
         if best not in rivals or len(rivals) < 2:
             return best
-        return rivals[int(np.argmax(self._total(layout, evidence.point, rivals)))]
+        told = self._total(layout, evidence.point, rivals)
+        return next(one for one, own in zip(rivals, told, strict=True) if own > max(told) - RULED_OUT)
 
     def _further(self, suspect: Suspect) -> float:
         """Evidence that it needs beside others."""
