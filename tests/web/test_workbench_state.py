@@ -86,7 +86,7 @@ def test_a_decimal_comma_is_understood_and_what_is_no_number_stays_what_it_is() 
     given = ["2,5", "-0.5", "−1,5e2", "auto", "[1, 2]", "1,2,3", "true"]
     script = "console.log(JSON.stringify(given.map(page.typed)))"
     wanted = [2.5, -0.5, -150, "auto", [1, 2], "1,2,3", True]
-    assert told("pages/workbench/typed.js", script, given) == wanted
+    assert told("lib/typed.js", script, given) == wanted
 
 
 def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:

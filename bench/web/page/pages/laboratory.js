@@ -8,7 +8,7 @@ import { may } from "../lib/store.js";
 import { stationName } from "../lib/names.js";
 import { sign, symbols, t } from "../lib/words.js";
 import { Going, useAct } from "./run.js";
-import { numberOf } from "./workbench/typed.js";
+import { numberOf } from "../lib/typed.js";
 import { Said } from "../lib/said.js";
 
 // Path of each field in the file; `!` must be filled in.

@@ -3,7 +3,7 @@ import { html, or, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "../../lib/words.js";
 import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
-import { typed, written } from "./typed.js";
+import { typed, written } from "../../lib/typed.js";
 import { OwnTerm } from "./term.js";
 import { fileName, save as offer } from "../../lib/download.js";
 import { TextField } from "../../lib/parts.js";

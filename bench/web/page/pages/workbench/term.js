@@ -1,6 +1,6 @@
 // A user-defined term: an expression, checked while it is typed, added like any other effect.
 import { html, t, api, useEffect, useState } from "./parts.js";
-import { numberOf } from "./typed.js";
+import { numberOf } from "../../lib/typed.js";
 import { Said } from "../../lib/said.js";
 
 const PAUSE_MS = 250;
