@@ -1,5 +1,6 @@
 """The whole API against its own description: whatever is sent, the answer is a described one, a refusal one line."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -80,4 +81,15 @@ def test_the_description_names_every_refusal(bench):
 def test_a_report_is_shown_in_an_origin_of_its_own(bench):
     client, ids = bench
     answer = client.get(f"/api/v1/runs/{ids['unit']}/{ids['run']}/report")
-    assert answer.headers["content-security-policy"] == (policy.REPORT if answer.status_code == 200 else policy.PAGE)
+    assert answer.headers["content-security-policy"] == (policy.REPORT if answer.status_code == 200 else policy.PART)
+
+
+def test_the_page_has_its_policy_and_parts_of_it_have_a_short_one(bench):
+    client, _ = bench
+    page = client.get("/")
+    assert [one.headers["content-security-policy"] for one in (page, client.get("/nowhere"))] == [policy.PAGE] * 2
+    assert policy.policy_of(None) == policy.PAGE, "that a copy is good is said without a type, and changes its headers"
+    script = re.search(r'src="(/static/[^"]+)"', page.text).group(1)
+    for part in (client.get(script), client.get("/api/v1/session")):
+        assert part.headers["content-security-policy"] == policy.PART
+        assert len(policy.PART) < 60

@@ -50,7 +50,10 @@ PAGE = "; ".join(
         "frame-ancestors 'none'",
     )
 )
-"""Policy of every answer without one of its own."""
+"""Policy of the page."""
+
+PART = "default-src 'none'; frame-ancestors 'none'"
+"""Policy of what is no page: a part of one, which obeys the policy of its page, or data. Short: there are many."""
 
 REPORT = "; ".join(
     (
@@ -65,7 +68,6 @@ REPORT = "; ".join(
 """Policy of a report, which is one file with its scripts: a sandbox that can reach nothing else."""
 
 HEADERS = {
-    "Content-Security-Policy": PAGE,
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -73,3 +75,8 @@ HEADERS = {
     "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
 }
 """Headers of every answer that does not set them itself."""
+
+
+def policy_of(kind: str | None) -> str:
+    """Policy of an answer of this content type. Without one it says that a copy is good, which may be the page."""
+    return PAGE if kind is None or kind.startswith("text/html") else PART

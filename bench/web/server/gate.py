@@ -19,7 +19,7 @@ from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bench.base import InputError
-from bench.web.ground.policy import HEADERS
+from bench.web.ground.policy import HEADERS, policy_of
 from bench.web.ground.problems import problem
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
@@ -60,6 +60,7 @@ class Gate:
                 answer = MutableHeaders(scope=message)
                 for name, value in HEADERS.items():
                     answer.setdefault(name, value)
+                answer.setdefault("Content-Security-Policy", policy_of(answer.get("content-type")))
                 answer.setdefault("Cache-Control", "no-store" if path.startswith("/api/") else "no-cache")
             await send(message)
 
