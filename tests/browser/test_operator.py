@@ -143,6 +143,26 @@ def test_the_start_page_is_fetched_beside_its_words(site, visitors):
     page.locator("#serial").wait_for()
 
 
+def test_a_unit_is_scanned_before_the_lists_are_there_and_waits_for_them(bench, visitors):
+    page, held = visitors.come(bench.site.address), []
+
+    def hold(route):
+        held.append(route)
+
+    page.route("**/api/v1/plans", hold)
+    page.goto("/")
+    page.locator("#serial").wait_for()
+    page.keyboard.type(SLOW_UNIT)
+    page.keyboard.press("Enter")
+    while not held:
+        page.wait_for_timeout(10)
+    assert page.locator("#serial").input_value() == SLOW_UNIT
+    assert page.locator(".question .spinner").count() == 1
+    held[0].continue_()
+    page.get_by_role("heading", name="Which test plan?").wait_for()
+    page.get_by_role("button", name=re.compile("^Calibration, −40 to 85")).wait_for()
+
+
 @pytest.mark.parametrize("locale", ["en-GB", "uk", "zh"])
 def test_every_page_is_in_sight_in_the_menu_of_a_telephone(site, visitors, locale):
     page = visitors.come(site[0], locale=locale, size=PHONE)

@@ -38,10 +38,14 @@ function licences() {
   }).join(`\n${"=".repeat(72)}\n\n`);
 }
 
-/** The HTML with the names that its files have got. */
+/** The HTML with the names that its files have got, and those of all modules that app.js imports: they are fetched beside it. */
 function named(text, { outputs }) {
-  const names = Object.entries(outputs).map(([file, { entryPoint }]) => [entryPoint, file.replace("bench/web", "")]);
-  return ENTRIES.reduce((html, entry) => html.replace(`/static/${entry}`, names.find(([from]) => from === `bench/web/page/${entry}`)[1]), text);
+  const built = (entry) => Object.keys(outputs).find((file) => outputs[file].entryPoint === `bench/web/page/${entry}`);
+  const address = (file) => file.replace("bench/web", "");
+  const needed = new Set([built("app.js")]);
+  for (const file of needed) for (const { kind, path: other } of outputs[file].imports) if (kind === "import-statement") needed.add(other);
+  const links = [...needed].slice(1).map((file) => `  <link rel="modulepreload" href="${address(file)}">\n`).join("");
+  return ENTRIES.reduce((html, entry) => html.replace(`/static/${entry}`, address(built(entry))), text).replace("</head>", `${links}</head>`);
 }
 
 async function build() {

@@ -83,25 +83,29 @@ export default function Start({ query }) {
   const step = question(now);
   useBack();
   useUnpressed(heading);
+  const given = Boolean(query.unit || query.plan || query.calibration);
   useEffect(() => {
-    if (choices.plans && (query.unit || query.plan || query.calibration)) keep(asked(query, choices));
+    if (choices.plans && given) keep(asked(query, choices));
   }, [choices.plans]);
-  useEffect(() => heading.current?.focus(), [step]);
+  useEffect(() => {
+    if (step !== "unit") heading.current?.focus(); // there the field has it
+  }, [step]);
   if (!may("operator")) return html`<div class="page"><div class="notice warn"><p>${t("start.not_allowed")}</p>${who.pins && html`<p><${Operator} who=${who} /></p>`}</div></div>`;
-  if (choices.error) return html`<div class="page"><${Trouble} error=${choices.error} retry=${choices.load} /></div>`;
-  if (!choices.plans) return html`<div class="page"><${Busy} /></div>`;
+  const awaited = !choices.plans && (choices.error ? html`<${Trouble} error=${choices.error} retry=${choices.load} />` : html`<${Busy} />`);
+  if (awaited && (given || step !== "unit")) return html`<div class="page">${awaited}</div>`;
   const answer = (more) => {
     const next = { ...now, ...more };
     keep(next, question(next) === step ? "replaceState" : "pushState");
   };
-  const station = choices.stations.find((one) => one.id === now.station);
-  const plan = now.calibration ? choices.calibrations.find((one) => one.id === now.calibration) : choices.plans.find((one) => one.id === now.plan);
+  const station = choices.stations?.find((one) => one.id === now.station);
+  const plan = (now.calibration ? choices.calibrations : choices.plans)?.find((one) => one.id === (now.calibration ?? now.plan));
   return html`<div class="start">
     <${Steps} now=${now} step=${step} station=${station} plan=${plan} answer=${answer} />
     <section class="question" aria-labelledby="question">
       <${Already} />
       <h1 id="question" tabindex="-1" ref=${heading}>${t(`start.${step}.question`)}</h1>
       ${step === "unit" && html`<${UnitQuestion} stations=${choices.stations} last=${lastStation.get()} answer=${answer} />`}
+      ${awaited}
       ${step === "plan" && html`<${PlanQuestion} plans=${choices.plans} calibrations=${choices.calibrations} station=${station} answer=${answer} />`}
       ${step === "ready" && html`<${Ready} order=${now} answer=${answer} plan=${plan} station=${station} limits=${choices.limits}
         begun=${() => {

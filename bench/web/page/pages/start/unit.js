@@ -16,6 +16,7 @@ export const whereIs = (stations, serial) =>
     return found ? [{ station, serial: found }] : [];
   });
 
+/** Asks for the unit; what is entered before the `stations` are there waits for them. */
 export function UnitQuestion({ stations, last, answer }) {
   const [asked, setAsked] = useState(null);
   const [wrong, setWrong] = useState("");
@@ -23,8 +24,10 @@ export function UnitQuestion({ stations, last, answer }) {
   const [chosen, setChosen] = useState("");
   const [long, setLong] = useState(false);
   const [filling, setFilling] = useState(null);
-  const sound = stations.filter((station) => !station.problem);
+  const [early, setEarly] = useState("");
+  const sound = (stations ?? []).filter((station) => !station.problem);
   const take = (serial, meant = false) => {
+    if (!stations) return setEarly(serial);
     const tooLong = serial.trim().length > LONGEST;
     const places = tooLong ? [] : whereIs(sound, serial);
     const place = places.length === 1 ? places[0] : null;
@@ -35,7 +38,11 @@ export function UnitQuestion({ stations, last, answer }) {
     setWrong(places.length || tooLong || single ? "" : serial.trim());
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
+    return undefined;
   };
+  useEffect(() => {
+    if (stations && early) take(early);
+  }, [stations]);
   if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
@@ -44,7 +51,7 @@ export function UnitQuestion({ stations, last, answer }) {
         take(serial, true);
         setChosen(serial);
       }} />`}</div>
-    ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} chosen=${wrong === chosen} answer=${answer} />` : html`<h2>${t("start.or_choose")}</h2>`}
+    ${wrong ? html`<${Slots} stations=${sound} last=${last} serial=${wrong} chosen=${wrong === chosen} answer=${answer} />` : stations && html`<h2>${t("start.or_choose")}</h2>`}
     <div class="stations" hidden=${Boolean(wrong)}>
       ${sound.map((station) => html`<${Place} key=${station.id} station=${station}>
         ${station.units.map((serial) => html`<button type="button" key=${serial} class="mono" onClick=${() => answer({ units: [serial], station: station.id })}>${serial}</button>`)}
@@ -52,7 +59,7 @@ export function UnitQuestion({ stations, last, answer }) {
         <button type="button" onClick=${() => setFilling(station)}>${t("start.slots_fill", { n: station.units.length })}</button>`}
       <//>`)}
     </div>
-    ${stations.filter((station) => station.problem).map((station) => html`<${Trouble} key=${station.id} error=${`${station.id}: ${station.problem}`} />`)}`;
+    ${stations?.filter((station) => station.problem).map((station) => html`<${Trouble} key=${station.id} error=${`${station.id}: ${station.problem}`} />`)}`;
 }
 
 /** A station with what can be chosen at it. */
