@@ -123,3 +123,10 @@ def test_what_is_filled_in_for_a_laboratory_is_not_lost_without_a_question(addre
     page.wait_for_url("**/fleet")
     page.go_back()
     assert who.input_value() == "O. Petrenko"
+
+
+def test_a_file_with_warnings_can_be_used_and_is_not_said_to_have_nothing_wrong(address, visitors):
+    page = visitors.come(address)
+    page.goto("/files?kind=profiles&id=one_rate")
+    page.get_by_text("Check passed, with 2 warnings").wait_for()
+    assert page.get_by_text("Nothing is wrong").count() == 0

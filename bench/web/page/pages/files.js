@@ -89,7 +89,8 @@ function File({ kind, id, stations, saved }) {
   };
   if (text === null) return state.error ? html`<${Trouble} error=${state.error} retry=${load} />` : html`<${Busy} />`;
   const placed = findings.filter(({ line, level }) => line && level !== "info");
-  const tone = check.result?.ok === false ? "bad" : "good";
+  const warnings = findings.filter(({ level }) => level === "warning").length;
+  const tone = check.result?.ok === false ? "bad" : warnings ? "warn" : "good";
   return html`<form class="edit-file stack" onSubmit=${save}>
     <h2>${titleOf(kind, id, file.own)} <span class="small soft mono">${id}.yaml</span></h2>
     <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
@@ -107,7 +108,7 @@ function File({ kind, id, stations, saved }) {
       <div class="stack">
         ${mine && kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
         ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
-        <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${t(tone === "good" ? "files.good" : "files.bad")}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
+        <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${tone === "warn" ? t("ready.warn", { n: warnings }) : t(`files.${tone}`)}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
         ${placed.length > 0 && html`<p class="row">${[...new Set(placed.map(({ line }) => line))].slice(0, 12).map((line) => html`<button type="button" key=${line} class="narrow" onClick=${() => setFocus({ line })}>${t("files.line", { line: String(line) })}</button>`)}</p>`}
         <${Findings} findings=${findings} lines />
