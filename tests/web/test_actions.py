@@ -1,4 +1,4 @@
-"""What commands do with an ended run and a station, from the page: export, replay, certificate, doctor, flash."""
+"""What commands do with an ended run and a station from the page: report, export, replay, certificate, doctor …"""
 
 import json
 import shutil
@@ -37,6 +37,18 @@ def done(client, path, **body):
     job = until(lambda: (seen := client.get(f"/api/v1/jobs/{answer.json()['job']}?wait_s=20").json())["state"]
                 in {"done", "failed"} and seen)  # fmt: skip
     return job["result"] if job["state"] == "done" else job["detail"]
+
+
+def test_a_run_that_was_not_analysed_is_analysed_once(bench):
+    client, _, folder = bench
+    bare = make_run(folder.parent / "20261122T060000Z_ramp", **ramp_run())
+    run = f"/api/v1/runs/SIM-0001/{bare.name}"
+    assert client.post(f"{run}/report", json={"models": ["nobody"]}).status_code == 400
+    made = done(client, f"{run}/report", models=["spline"])
+    assert made["run"] == f"SIM-0001/{bare.name}"
+    assert (bare / "report.html").is_file()
+    assert client.get(run).json()["report"]
+    assert client.post(f"{run}/report", json={}).status_code == 409
 
 
 def test_a_run_is_exported_and_its_files_are_sent(bench):

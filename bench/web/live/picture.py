@@ -28,7 +28,7 @@ class RequestMade(BaseModel):
 class UnitVerdict(BaseModel):
     """The verdict on a unit; `limits`: the verdict against limits, if there are any.
 
-    For a unit that was not `analysed` and will not be, `sentence` says why and what to do.
+    For a unit that was not `analysed` and will not be, `sentence` says why.
     """
 
     unit: str

@@ -116,14 +116,14 @@ def _is_end(event: Mapping[str, Any]) -> bool:
 def verdicts(folders: Sequence[Path], busy: bool = True, start: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """The verdict on each unit and the worst of all; `analysing` until the last report is written.
 
-    When no process is `busy` with the analysis, units without a report get a sentence with reason and advice.
+    When no process is `busy` with the analysis, units without a report get a sentence with the reason.
     """
     units = [_verdict(folder) for folder in folders]
     ready = all(unit["analysed"] for unit in units)
     if not busy:
         for unit in units:
             if not unit["analysed"]:
-                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}; `bench report {unit['run']}` analyses it"
+                unit["sentence"] = f"{_NOT}{_why(unit['run'], start)}"
     known = [unit for unit in units if unit["verdict"] is not None] if ready else []
     worst = min(known, key=_rank, default={"verdict": None, "sentence": ""})
     return {

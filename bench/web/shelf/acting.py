@@ -1,4 +1,4 @@
-"""What commands do with an ended run or a station, in a computing process: export, replay, certificate, doctor.
+"""What commands do with an ended run or a station, in a computing process: report, export, replay, certificate, doctor.
 
 A page must not show where the store is: folders in the answers are ids of runs.
 """
@@ -14,11 +14,15 @@ from bench.base import BenchError, InputError
 from bench.commands import (
     PAPERS,
     CertificateOptions,
+    NotAnalysed,
+    UnitsReported,
     doctor,
     imu_certificate,
     load_station,
     own_paper,
+    register_runs,
     replay_runs,
+    report,
 )
 from bench.commands import certificate as certify
 from bench.commands import export as deliver
@@ -38,6 +42,17 @@ def exported(wanted: Mapping[str, Any]) -> dict[str, Any]:
     source = whole_of(folder) if wanted["format"] in IMU_FORMATS else folder
     made = _told(wanted, lambda: deliver(source, wanted["format"], ExportOptions(), None))
     return {"format": wanted["format"], "files": [path.name for path in made.files]}
+
+
+def analysed(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """`bench report` of one run, which is registered then; InputError says why a unit with several rates has none."""
+    limits = wanted["limits"] and Path(wanted["limits"])
+    made = _told(wanted, lambda: report(Path(wanted["path"]), wanted["models"], limits=limits))
+    for unit in made.units if isinstance(made, UnitsReported) else ():
+        if isinstance(unit.result, NotAnalysed):
+            raise InputError(_hidden(wanted, unit.result.error))
+    register_runs(made.runs, None, begin=False)
+    return {"run": wanted["run"], "verdict": made.verdict}
 
 
 def replayed(wanted: Mapping[str, Any]) -> dict[str, Any]:

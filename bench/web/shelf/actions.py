@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 
 from bench.commands import seated, station_file, station_of
 from bench.deliver import FORMATS, IMU_FORMATS, MEASURED
+from bench.record import RunFolder
 from bench.web.ground.settings import Here
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.jobs.lanes import Lane
@@ -36,6 +37,13 @@ class Exports(BaseModel):
 
     formats: list[str]
     files: list[str]
+
+
+class Analysis(BaseModel):
+    """Models and limits by name, as the run was started with; those that the run keeps, and none, without them."""
+
+    models: list[Name] = Field(default=[], max_length=8)
+    limits: Name | None = None
 
 
 class Export(BaseModel):
@@ -96,6 +104,17 @@ def exported(request: Request, unit: Id, run: Id, name: Id) -> FileResponse:
     if found is None:
         raise HTTPException(404, f"run {unit}/{run} has no exported file '{name}': export it first")
     return FileResponse(found, media_type="application/octet-stream", filename=f"{unit}-{name}")
+
+
+@router.post("/runs/{unit}/{run}/report", status_code=202)
+def analyse(request: Request, here: Here, unit: Id, run: Id, wanted: Analysis, who: Operator) -> Asked:
+    """Request `bench report` of a run that was not analysed; 409 where it has a report already."""
+    known = Catalog(here.project, here.own)
+    if RunFolder(index_of(request).folder(unit, run)).report.is_file():
+        raise HTTPException(409, f"run {unit}/{run} has a report")
+    limits = str(named(known.limits(), wanted.limits, "limits")) if wanted.limits else None
+    models = [known.model(model) for model in wanted.models]
+    return _act(request, unit, run, "analysed", lane="slow", models=models, limits=limits)
 
 
 @router.post("/runs/{unit}/{run}/replay", status_code=202)

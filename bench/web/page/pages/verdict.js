@@ -1,6 +1,6 @@
 // The verdict fills the screen: word, sentence, next step. A fault: what happened, what the bench did, what to do.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
-import { get, url } from "../lib/api.js";
+import { compute, get, url } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
@@ -75,10 +75,26 @@ export default function Verdict({ params }) {
       ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
-        ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : html`<p>${some}${t(next(word, end, answer), { n })}</p>`}</section>
+        ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : html`<p>${some}${t(next(word, end, answer), { n })}</p>`}
+        ${word === "not_analysed" && may("operator") && html`<${Analyse} units=${units} again=${run?.again} />`}</section>
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
     </div>
   </article>`;
+}
+
+/** Makes the reports that are missing, with the models and limits of the start; the page sees them when they are there. */
+function Analyse({ units, again }) {
+  const [state, setState] = useState(/** @type {{busy?: boolean, error?: any}} */ ({}));
+  const analyse = async () => {
+    setState({ busy: true });
+    try {
+      for (const { run } of units.filter(({ analysed }) => !analysed)) await compute(`/runs/${run}/report`, { models: again?.models ?? [], limits: again?.limits ?? null });
+    } catch (error) {
+      setState({ error });
+    }
+  };
+  return html`<p role="status">${state.busy ? html`<${Busy} />` : html`<button type="button" class="primary" onClick=${analyse}>${t("verdict.analyse")}</button>`}</p>
+    <${Trouble} error=${state.error} />`;
 }
 
 /** Units by serial number, whichever of their runs the address names. */
