@@ -575,3 +575,10 @@ def test_a_word_that_is_no_day_is_searched_as_it_is() -> None:
     script = "console.log(JSON.stringify(given.map((text) => page.dayIn(text))));"
     texts = ["sim-0001", "ramp 25", "u 31.13.2026", "30.02.2026", "0.5", "31/13/2026"]
     assert told("lib/days.js", script, texts) == [None] * len(texts)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_option_of_an_effect_is_called_by_its_raw_name(language: str) -> None:
+    words = {key: text for key, text in catalogue(language).items() if key.startswith("workbench.option.")}
+    assert len(words) > 20
+    assert [text for text in words.values() if "_" in text] == []

@@ -138,3 +138,14 @@ def test_a_moment_of_one_of_several_runs_is_found_among_its_own_rows() -> None:
     ]));
     """
     assert told("pages/workbench/moment.js", script, [head, *rows]) == [180, 240, 3, None]
+
+
+def test_steps_with_formulas_are_told_apart_by_them() -> None:
+    formulas = ("k * time", "k * dT_dt")
+    actions = [{"type": "add", "effects": [{"effect": "expression", "formula": formula}]} for formula in formulas]
+    actions += [{"type": "edit", "index": 1, "option": "formula", "value": "k * t"}, {"type": "remove", "index": 1}]
+    script = "console.log(JSON.stringify(given.reduce(page.change, page.stateOf('')).steps.map(({ label }) => label)))"
+    labels = told("pages/workbench/state.js", script, actions)[1:]
+    assert labels[:2] == ["+ k * time", "+ k * dT_dt"]
+    assert labels[3] == "− k * t"
+    assert labels[2].startswith("k * time ")

@@ -7,8 +7,8 @@ import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
 import { palette } from "../../lib/figure.js";
 
 const WIDTH = 420;
-const HEIGHT = 200;
-const EDGE = { left: 48, right: 16, top: 16, bottom: 30 };
+const HEIGHT = 214;
+const EDGE = { left: 48, right: 16, top: 16, bottom: 44 };
 const FALL_MS = 900;
 const MOST_RUNGS = 7;
 
@@ -58,7 +58,13 @@ function gridStep(top) {
   return [1, 2, 5, 10].find((digit) => digit * decade >= raw) * decade;
 }
 
-const short = (name, room) => (name.length > room ? `${name.slice(0, room - 1)}…` : name);
+const WIDE = /[\u2e80-\uffff]/;
+
+/** A name that fits into so many pixels, without its middle: both ends tell it from others. */
+function short(name, pixels) {
+  const most = Math.floor(pixels / (WIDE.test(name) ? 12 : 6.6));
+  return name.length > most ? `${name.slice(0, Math.ceil(most / 2) - 1)}…${name.slice(-Math.floor(most / 2))}` : name;
+}
 
 function Drawing({ rungs, shown, floor, refer }) {
   const colours = usePalette();
@@ -71,7 +77,7 @@ function Drawing({ rungs, shown, floor, refer }) {
   const lines = Array.from({ length: Math.floor(top / step) + 1 }, (_, i) => i * step);
   const held = shown.map((rung, i) => [x(i), rung.heldOut]).filter(([, value]) => value !== null);
   const path = held.map(([at, value], i) => `${i ? "L" : "M"}${at.toFixed(1)},${y(value).toFixed(1)}`).join("");
-  const room = Math.floor((WIDTH - EDGE.left - EDGE.right) / slots / 6.6);
+  const room = (WIDTH - EDGE.left - EDGE.right) / slots + 2 * EDGE.right; // names stand in two rows, and reach over the edges
   const label = { fontSize: 12, fill: colours.soft };
   return html`<svg ref=${refer} class="wb-ladder" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} width=${WIDTH} height=${HEIGHT}
       xmlns="http://www.w3.org/2000/svg" font-family="system-ui, 'Segoe UI', 'Liberation Sans', sans-serif" aria-hidden="true">
@@ -87,7 +93,7 @@ function Drawing({ rungs, shown, floor, refer }) {
       ${rung.heldOut !== null && html`<circle cx=${x(i)} cy=${y(rung.heldOut)} r="5" fill=${colours.heldOut} />`}
       ${headline(rung) !== null && html`<text x=${x(i)} y=${Math.max(11, y(Math.max(rung.heldOut ?? 0, rung.inSample ?? 0)) - 13)} text-anchor="middle"
         font-size="12.5" font-weight="600" fill=${colours.ink} stroke=${colours.raised} stroke-width="4" paint-order="stroke" stroke-linejoin="round">${number(headline(rung))}</text>`}
-      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + 18} text-anchor="middle" font-size="12">${short(rung.label, room)}<title>${rung.label}</title></text>
+      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + (i % 2 ? 32 : 17)} text-anchor="middle" font-size="12">${short(rung.label, room)}<title>${rung.label}</title></text>
     </g>`)}
     ${floor !== null && html`<g>
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(floor)} y2=${y(floor)} stroke=${colours.floor} stroke-width="2" stroke-dasharray="7 5" />

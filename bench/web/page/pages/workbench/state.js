@@ -1,9 +1,13 @@
 // State of the workbench: the runs with their roles, the models in order, what is shown. All of it is in the address, so
 // that a link, a reload, back and forward show the same.
-import { effectWord } from "../../lib/words.js";
+import { effectWord, or } from "../../lib/words.js";
 import { START_MODEL } from "./first.js";
+import { written } from "../../lib/typed.js";
 
 export const ROLES = ["fit", "check", "static", "sister"];
+
+/** What a step is called by: a term of one's own by its formula, there may be several. */
+const termWord = ({ effect, formula }) => formula ?? effectWord(effect);
 
 /** The state after an action. */
 export function change(state, action) {
@@ -28,14 +32,14 @@ export function change(state, action) {
       return { ...state, steps: steps.map((step, i) => (i === at ? { ...step, model: action.model } : step)) };
     case "edit":
       return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
-        `${effectWord(model.effects[action.index].effect)} ${action.option} ${action.value}`);
+        `${termWord(model.effects[action.index])} ${or(`workbench.option.${action.option}`, action.option)} ${written(action.value)}`);
     case "add":
       return grown(action.model ?? { ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
-        action.effects.map(({ effect }) => `+ ${effectWord(effect)}`).join(" "));
+        action.effects.map((one) => `+ ${termWord(one)}`).join(" "));
     case "remove": {
       const left = model.effects.filter((_, i) => i !== action.index);
       const gone = model.effects[action.index];
-      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }, `− ${effectWord(gone.effect)}`) : state;
+      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }, `− ${termWord(gone)}`) : state;
     }
     case "undo":
       return { ...state, at: Math.max(0, at - 1), picture: "" };
