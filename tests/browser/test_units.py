@@ -184,6 +184,18 @@ def test_the_first_values_of_a_long_time_differ(page, tmp_path):
     page.get_by_text("1,700,000, 1,699,999, 1,699,998").wait_for()
 
 
+def test_how_a_table_was_read_is_no_warning_and_time_has_a_range(page, tmp_path):
+    path = tmp_path / "commas.csv"
+    rows = "".join(f"{i};{5 + i % 7},5;{20 + i // 100},25\n" for i in range(4000))
+    path.write_text(f"time [s];rate [deg/h];temperature [degC]\n{rows}")
+    page.goto("/import")
+    page.locator("input[type=file]").set_input_files(str(path))
+    page.get_by_text("Its decimal commas were read as points").wait_for()
+    assert page.locator(".notice.warn", has_text="decimal commas").count() == 0
+    time = page.get_by_role("row").filter(has=page.get_by_label("Column of: Time", exact=True))
+    time.get_by_text("0 … 3999 s (1 h 07 min)").wait_for()
+
+
 def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tmp_path):
     path = tmp_path / "counted.csv"
     rows = "".join(f"{i},{i % 3},{i % 5},1,{20 + i / 100}\n" for i in range(400))

@@ -98,13 +98,13 @@ function Channel({ kind, needed, seen, columns, choice, change }) {
       ${columns.map((one) => html`<option key=${one.name} value=${one.name} selected=${one.name === choice.column}>${one.name}</option>`)}</select></td>
     <td><${TextField} list=${id} size="8" aria-label=${t("import.unit_of", { channel: word })} placeholder=${kind.unit} value=${choice.unit} disabled=${!choice.column && kind.name !== "time"} onGiven=${(unit) => change({ ...choice, unit: unit.trim() })} />
       <datalist id=${id}>${kind.examples.map((one) => html`<option key=${one} value=${one}></option>`)}</datalist></td>
-    <td class="n">${seen ? html`${asGiven(seen.low, 4)} … ${asGiven(seen.high, 4)} <span class="soft">${symbols(seen.to)}</span>` : html`<span class="soft">–</span>`}</td>
+    <td class="n">${seen ? html`${asGiven(seen.low, 4)} … ${asGiven(seen.high, 4)} <span class="soft">${symbols(seen.to)}${seen.took !== undefined && ` (${duration(seen.took)})`}</span>` : html`<span class="soft">–</span>`}</td>
     <td class="small soft mono wide">${known ? known.first.slice(0, 4).map((value) => asGiven(value, 7)).join(", ") : ""}</td></tr>`;
 }
 
 function Understood({ shown, kinds, choice, change, busy }) {
   const { understood, columns } = shown;
-  const seen = (name) => understood?.channels.find((one) => one.channel === name);
+  const seen = (name) => understood && name === "time" ? { column: understood.time.column, low: 0, high: understood.duration_s, to: "s", took: understood.duration_s } : understood?.channels.find((one) => one.channel === name);
   const used = new Set([understood?.time.column, ...(understood?.channels ?? []).map((one) => one.column)]);
   const axes = AXES.some((name) => choice[name]?.column);
   const needed = ({ name, required }) => required && !(name === "rate" && axes);
@@ -116,6 +116,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
   return html`<section class="stack" aria-labelledby="understood" aria-busy=${busy ? "true" : "false"}><div class="row spread"><h2 id="understood">${t("import.understood")}</h2>
       ${busy ? html`<${Busy}>${t("import.reading")}<//>` : understood ? html`<${Lamp} tone="good">${t("import.clear")}<//>` : html`<${Lamp} tone="warn">${t("import.unclear")}<//>`}</div>
     ${shown.problem && html`<div class="notice warn" role="alert"><p><${Said} text=${shown.problem} /></p>${!understood && !choice.time?.column && html`<p class="small">${t("import.step")}</p>`}</div>`}
+    ${understood && shown.notes.filter((text) => !understood.warnings.includes(text)).map((text) => html`<p class="soft" key=${text}><${Said} text=${text} whole /></p>`)}
     ${understood?.warnings.map((text) => html`<div class="notice warn" key=${text}><p><${Said} text=${text} whole /></p></div>`)}
     ${table(kinds.channels.filter(there))}
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
