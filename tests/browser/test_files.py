@@ -101,6 +101,9 @@ def test_what_is_filled_in_for_a_laboratory_is_not_lost_without_a_question(addre
         question.get_by_role("button", name="Keep editing").click()
         question.wait_for(state="detached")
         assert (who.input_value(), page.locator("#station").input_value()) == ("O. Petrenko", "bare")
+    assert {button.inner_text() for button in page.locator("form button[type=submit]:not(.unseen)").all()} == {
+        "Save laboratory", "Save reference equipment",
+    }  # fmt: skip
     name.fill("Gyro laboratory")
     page.get_by_role("button", name="Save Laboratory").click()
     page.get_by_text("Saved.").wait_for()

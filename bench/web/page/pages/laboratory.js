@@ -109,7 +109,7 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
     <${Trouble} error=${paper.problem || null} />
     <fieldset class="all" disabled=${!may("engineer")}><${Fields} content=${content} change=${change} /></fieldset>
     <${Trouble} error=${state.error} forget=${() => setState({})} />
-    <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t("papers.save")}<span class="unseen"> ${t(`papers.${kind}`)}</span></button>` : html`<p>${t("papers.engineers")}</p>`}
+    <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t(`papers.${kind}.save`)}</button>` : html`<p>${t("papers.engineers")}</p>`}
       <span role="status">${state.saved && t("papers.saved")}</span></div>
   </form>`;
 }
