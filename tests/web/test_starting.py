@@ -443,6 +443,7 @@ def test_a_curve_has_a_bounded_number_of_corners():
     assert len(curve) == catalog.MOST_CORNERS
     flat = profile_from_text("name: flat\nsegments:\n" + "  - {kind: soak, duration_min: 1}\n" * 50)
     assert catalog.curve(flat) == [(0.0, 23.0), (3000.0, 23.0)]
+    assert [t_s for t_s, _ in catalog.curve(flat, flat)] == [0.0, 3000.0, 3000.0, 6000.0]
 
 
 def test_a_calibration_is_drawn_with_all_of_its_runs():
@@ -452,6 +453,8 @@ def test_a_calibration_is_drawn_with_all_of_its_runs():
     assert drawn["curve"][-1] == (pytest.approx(drawn["nominal_s"], abs=1.0), parts[-1][-1][1])
     for part in parts:
         assert {degc for _, degc in part} <= {degc for _, degc in drawn["curve"]}
+    times = [t_s for t_s, _ in drawn["curve"]]
+    assert len(times) - len(set(times)) == len(parts) - 1, "each run begins where its time stands twice"
 
 
 def test_two_station_files_of_one_chamber_are_one_station():

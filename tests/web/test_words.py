@@ -515,6 +515,19 @@ def test_the_axis_of_a_profile_that_hardly_moves_has_at_least_two_numbers() -> N
     assert min(told("lib/curve.js", script, curves)) >= 10
 
 
+def test_runs_of_a_calibration_are_drawn_apart() -> None:
+    curve = [[0, 23], [600, 40], [600, 23], [1200, 5]]
+    script = """
+    const size = { width: 320, height: 130, axes: false, label: "-" };
+    const parts = [page.Drawing({ curve: given, ...size }).props.children].flat(4);
+    const lines = parts.filter((one) => one?.props?.class === "curve-line").map(({ props }) => props.d);
+    console.log(JSON.stringify(lines.map((line) => line.match(/[\\d.]+ /g).map(Number))));
+    """
+    first, second = told("lib/curve.js", script, curve)
+    assert first[1] + 5 < second[0], "from the end of one to the beginning of the other"
+    assert second[1] == 310
+
+
 @pytest.mark.parametrize(("width", "ticks"), [(250, 3), (600, 8)])
 def test_a_drawn_curve_has_as_many_numbers_as_its_place_has_room_for(width: int, ticks: int) -> None:
     script = """

@@ -183,13 +183,17 @@ def limits(path: Path) -> dict[str, Any]:
 
 
 def curve(*profiles: Profile) -> list[tuple[float, float]]:
-    """Corners of the nominal set point of runs one after the other: [s], [degC]; bounded in number."""
+    """Corners of the nominal set point of runs one after the other: [s], [degC]; bounded in number.
+
+    Where a run ends and the next one begins the time stands twice.
+    """
     corners: list[tuple[float, float]] = []
     for profile in profiles:
         begin_s = corners[-1][0] if corners else 0.0
         corners += [(round(begin_s + t, 1), round(degc, 3)) for t, degc in zip(*profile.corners(), strict=True)]
     inner = zip(corners, corners[1:], corners[2:], strict=False)
-    kept = [corners[0], *(mid for one, mid, other in inner if not one[1] == mid[1] == other[1]), corners[-1]]
+    turns = (mid for one, mid, other in inner if not one[1] == mid[1] == other[1] or mid[0] in {one[0], other[0]})
+    kept = [corners[0], *turns, corners[-1]]
     if len(kept) <= MOST_CORNERS:
         return kept
     step = (len(kept) - 1) / (MOST_CORNERS - 1)

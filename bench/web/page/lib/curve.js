@@ -36,22 +36,33 @@ export function Curve({ width = 320, height = 130, axes = false, ...of }) {
   return html`<div ref=${place}><${Drawing} ...${of} width=${wide} height=${Math.max(180, Math.round((height * wide) / width))} axes /></div>`;
 }
 
-/** The drawing itself; `width` and `height` are its units. */
+/** The runs of a curve: where a time stands twice, one has ended and another begins. */
+const runsOf = (curve) => curve.reduce((runs, corner, index) => {
+  if (!index || corner[0] === curve[index - 1][0]) runs.push([]);
+  runs.at(-1).push(corner);
+  return runs;
+}, /** @type {number[][][]} */ ([]));
+
+/** The drawing itself, the runs of the curve apart; `width` and `height` are its units. */
 export function Drawing({ curve, width, height, axes, label }) {
   const [low, high] = range(curve);
   const edge = axes ? { left: 56, right: 28, top: 16, bottom: 34 } : EDGE;
   const end = curve.at(-1)[0] || 1;
   const [bottom, top] = low === high || (axes && high - low < 5) ? [low - 5, high + 5] : axes ? [low - (high - low) * 0.06, high + (high - low) * 0.06] : [low, high];
-  const x = (t_s) => edge.left + (t_s / end) * (width - edge.left - edge.right);
+  const runs = runsOf(curve);
+  const gap = width / 50;
+  const scale = (width - edge.left - edge.right - (runs.length - 1) * gap) / end;
+  const x = (t_s, run = runs.findLastIndex((one) => one[0][0] <= t_s)) => edge.left + t_s * scale + run * gap;
   const y = (degc) => edge.top + ((top - degc) / (top - bottom)) * (height - edge.top - edge.bottom);
-  const line = curve.map(([t_s, degc], index) => `${index ? "L" : "M"}${x(t_s).toFixed(1)} ${y(degc).toFixed(1)}`).join("");
   const text = label ?? t("curve.label", { low: degrees(low, 0), high: degrees(high, 0), time: duration(end) });
   const base = y(Math.max(bottom, Math.min(top, curve[0][1])));
   return html`<svg class="curve" viewBox=${`0 0 ${width} ${height}`} role="img" aria-label=${text}>
     ${axes && html`<${Grid} x=${x} y=${y} end=${end} low=${bottom} high=${top} width=${width} height=${height} edge=${edge} />`}
-    <path class="curve-fill" d=${`${line}L${x(end).toFixed(1)} ${base.toFixed(1)}L${x(0).toFixed(1)} ${base.toFixed(1)}Z`} />
     ${!axes && html`<path class="curve-base" d=${`M${x(0)} ${base.toFixed(1)}H${x(end)}`} />`}
-    <path class="curve-line" d=${line} />
+    ${runs.map((run, index) => {
+      const line = run.map(([t_s, degc], at) => `${at ? "L" : "M"}${x(t_s, index).toFixed(1)} ${y(degc).toFixed(1)}`).join("");
+      return html`<path class="curve-fill" d=${`${line}V${base.toFixed(1)}H${x(run[0][0], index).toFixed(1)}Z`} /><path class="curve-line" d=${line} />`;
+    })}
   </svg>`;
 }
 
