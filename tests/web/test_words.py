@@ -274,6 +274,12 @@ def test_every_effect_that_may_be_missing_is_explained_in_the_readers_language()
     assert {key: text for key, text in english.items() if key.startswith("workbench.summary.")} == summaries
 
 
+def test_a_lot_in_a_figure_is_called_one_in_the_readers_language() -> None:
+    drawn = [{"data": [{"name": name}], "layout": {}} for name in ("lot L0", "lot no lot")]
+    names = [figure["data"][0]["name"] for figure in spoken("lib/spoken.js", "spokenTitles", drawn)]
+    assert names == [f"{catalogue('zh')['fleet.kind.lot']} L0", catalogue("zh")["fleet.no_lot"]]
+
+
 def test_a_formula_among_the_rivals_of_a_run_is_written_as_it_can_be_used() -> None:
     formula = "(k + k_1 * temperature) * lag(dT_dt, tau_s)"
     assert spoken("pages/workbench/sentence.js", "rival", [formula, "my_effect"]) == [formula, "my effect"]

@@ -1,5 +1,5 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
-import { planTitle, runTitle } from "./names.js";
+import { lotName, planTitle, runTitle } from "./names.js";
 import { degrees, effectWord, known, language, quantityWord, sig, sign, symbols, t } from "./words.js";
 
 /** Letters of a title beside a third of a figure. */
@@ -23,10 +23,12 @@ function written({ number, digits = 3, decimals = undefined }) {
 /** What a model without a name of its own is called: by its effects. */
 const UNNAMED = /^\w+(?: \+ \w+)+$/;
 
-/** A run that a text names by its id, a soak, or a model by its effects, as people know it; any other text as it is. */
+/** A run that a text names by its id, a soak, a lot, or a model by its effects, as people know it; any other text as it is. */
 function named(text) {
   const [, order = "", degc] = text.match(/^(\d+: )?(?:soak|constant) at (-?[\d.]+)$/) ?? [];
   if (degc) return order + t("segment.soak", { degc: degrees(Number(degc), 0) });
+  const [, lot] = text.match(/^lot (.+)$/) ?? [];
+  if (lot) return lot === "no lot" ? lotName(lot, []) : `${t("fleet.kind.lot")} ${lot}`;
   if (UNNAMED.test(text)) return text.split(" + ").map(effectWord).join(" + ");
   return /^[^/]+\/\d{8}T\d{6}Z_/.test(text) ? `${text.split("/")[0]} ${runTitle(text)}` : text;
 }
