@@ -234,6 +234,16 @@ def test_the_pages_speak_other_languages(page, language):
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效标定"}[language]).first.wait_for()
 
 
+@pytest.mark.parametrize("width", [683, 1280, 1920])
+def test_the_limits_of_the_trends_are_in_sight(page, width):
+    page.set_viewport_size({"width": width, "height": 900})
+    page.goto(f"/units/{UNIT}")
+    page.locator(".bar select").select_option("uk")
+    page.locator(".main-svg").first.wait_for()
+    table = page.get_by_role("region", name="Величина")
+    assert table.evaluate("(one) => one.scrollWidth - one.clientWidth") <= 1
+
+
 def test_a_long_history_is_drawn_in_parts(page):
     """A unit of 5000 runs took 12 s and 178,000 nodes, and its answer 6 MB."""
 
