@@ -595,7 +595,7 @@ def test_four_units_stand_side_by_side(bench, visitors):
 def test_a_serial_number_that_stands_in_two_slots_is_told_where_it_is_typed(site, visitors):
     page = visitors.come(site[0])
     page.goto("/start?unit=SIM-0001&station=four_units&plan=quick")
-    page.get_by_role("button", name="All 4 units").first.click()
+    page.get_by_role("button", name="All 4 units").click()
     page.get_by_label("Serial number in the slot of SIM-0002").fill("sim-0001")
     page.keyboard.press("Enter")
     page.locator(".neighbours").get_by_text("Serial number sim-0001 stands in two slots.").wait_for()

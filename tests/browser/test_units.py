@@ -133,9 +133,14 @@ def table(path):
     return path
 
 
-def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
+def offered(page, path):
+    """Give a file to the page of the import."""
     page.goto("/import")
-    page.locator("input[type=file]").set_input_files(str(table(tmp_path / "лог 7.csv")))
+    page.locator("input[type=file]").set_input_files(str(path))
+
+
+def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
+    offered(page, table(tmp_path / "лог 7.csv"))
     page.get_by_text("does not say its unit").wait_for()
     assert page.get_by_label("Column of: Rate (gyro output)", exact=True).input_value() == "gx", (
         "what is clear is chosen already"
@@ -164,10 +169,9 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
 
 
 def test_a_label_that_was_scanned_twice_is_asked_about_before_an_import(page, tmp_path, folder):
-    page.goto("/import")
     rows = "".join(f"{t},{25 + t / 100},{t % 7}\n" for t in range(500))
     (tmp_path / "run.csv").write_text(f"time [s],temperature [degC],rate [deg/h]\n{rows}")
-    page.locator("input[type=file]").set_input_files(str(tmp_path / "run.csv"))
+    offered(page, tmp_path / "run.csv")
     page.get_by_label("Serial number of the unit").fill("GX-7GX-7")
     page.keyboard.press("Enter")
     page.get_by_role("button", name="GX-7", exact=True).press("Enter")
@@ -179,8 +183,7 @@ def test_a_label_that_was_scanned_twice_is_asked_about_before_an_import(page, tm
 def test_the_first_values_of_a_long_time_differ(page, tmp_path):
     rows = [f"{1_700_000 - i},{25 + 0.01 * i},{5 + 0.1 * (i % 7)}" for i in range(500)]
     (tmp_path / "old.csv").write_text("\n".join(["time [s],temperature [degC],rate [deg/h]", *rows]))
-    page.goto("/import")
-    page.locator("input[type=file]").set_input_files(str(tmp_path / "old.csv"))
+    offered(page, tmp_path / "old.csv")
     page.get_by_text("1,700,000, 1,699,999, 1,699,998").wait_for()
 
 
@@ -188,8 +191,7 @@ def test_how_a_table_was_read_is_no_warning_and_time_has_a_range(page, tmp_path)
     path = tmp_path / "commas.csv"
     rows = "".join(f"{i};{5 + i % 7},5;{20 + i // 100},25\n" for i in range(4000))
     path.write_text(f"time [s];rate [deg/h];temperature [degC]\n{rows}")
-    page.goto("/import")
-    page.locator("input[type=file]").set_input_files(str(path))
+    offered(page, path)
     page.get_by_text("Its decimal commas were read as points").wait_for()
     assert page.locator(".notice.warn", has_text="decimal commas").count() == 0
     time = page.get_by_role("row").filter(has=page.get_by_label("Column of: Time", exact=True))
@@ -200,8 +202,7 @@ def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tm
     path = tmp_path / "counted.csv"
     rows = "".join(f"{i},{i % 3},{i % 5},1,{20 + i / 100}\n" for i in range(400))
     path.write_text(f"sample,gx_dph,gy_dph,gz_dph,temp_C\n{rows}")
-    page.goto("/import")
-    page.locator("input[type=file]").set_input_files(str(path))
+    offered(page, path)
     page.get_by_text("counts samples, and nothing says how long one takes").wait_for()
     time = page.get_by_label("Column of: Time", exact=True)
     time.select_option("sample")
@@ -216,10 +217,9 @@ def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tm
 
 
 def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tmp_path):
-    page.goto("/import")
     bad = tmp_path / "bomb.parquet"
     bad.write_bytes(b"PAR1" + b"\xff" * 100 + b"PAR1")
-    page.locator("input[type=file]").set_input_files(str(bad))
+    offered(page, bad)
     assert "not a readable Parquet file" in page.get_by_role("alert").inner_text()
     page.get_by_role("button", name="Choose a file").wait_for()
     until(lambda: bad.name not in page.request.get("/api/v1/imports").text())

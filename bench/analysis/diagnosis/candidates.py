@@ -78,6 +78,14 @@ def to_unit(parameter: Parameter, value: float) -> float:
     return (value - parameter.low) / (parameter.high - parameter.low)
 
 
+def about(parameters: Sequence[Parameter], theta: Theta, moved: FloatArray) -> tuple[Theta, ...]:
+    """These parameters, then those `moved` (n, parameters) from them by shares of their bounds, and kept within."""
+    unit = np.array([to_unit(p, value) for p, value in zip(parameters, theta, strict=True)])
+    tried = np.clip(unit + moved, 0.0, 1.0)
+    values = [from_unit(p, own).tolist() for p, own in zip(parameters, tried.T, strict=True)]
+    return (theta, *zip(*values, strict=True))
+
+
 @dataclass(frozen=True)
 class Problem:
     """A record of means, the columns of its present model and what else is known of the noise.

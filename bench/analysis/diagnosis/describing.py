@@ -41,10 +41,7 @@ _COARSE = "like a curve that the model follows too coarsely: more intervals of i
 _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
     ("sin(2*pi*temperature", _ETALON),
-    (
-        ") * above(chamber_temperature - lag(",
-        "like interference of the chamber's heater, aliased by the sampling",
-    ),
+    (") * above(chamber_temperature - lag(", "like interference of the chamber's heater, aliased by the sampling"),
     (") * above(lag(chamber_temperature", "like interference of the chamber's cooling, aliased by the sampling"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
     ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),

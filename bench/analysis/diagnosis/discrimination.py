@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, from_unit, orthonormal, outside, to_unit
+from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, about, orthonormal, outside
 from bench.analysis.diagnosis.limits import probability
 from bench.analysis.diagnosis.plan import Plan
 from bench.analysis.diagnosis.prediction import ChamberModel, chamber_model, predicted_record
@@ -177,11 +177,8 @@ class Discrimination:
         candidate = layout.candidate(rival.effect, rival.name)
         if not isinstance(rival.effect, Expression) or len(candidate.parameters) < _MOST_ON_A_GRID:
             return candidate
-        rng, ends = np.random.default_rng(self._seed), candidate.parameters
-        found = np.array([to_unit(p, value) for p, value in zip(ends, rival.theta, strict=True)])
-        tried = np.clip(found + _ABOUT * rng.standard_normal((_TRIED, len(ends))), 0.0, 1.0)
-        values = [from_unit(p, own).tolist() for p, own in zip(ends, tried.T, strict=True)]
-        return replace(candidate, tried=(rival.theta, *zip(*values, strict=True)))
+        moved = _ABOUT * np.random.default_rng(self._seed).standard_normal((_TRIED, len(candidate.parameters)))
+        return replace(candidate, tried=about(candidate.parameters, rival.theta, moved))
 
     @staticmethod
     def _spaces(candidate: Candidate, tried: Sequence[Theta], way: Whitener, basis: FloatArray) -> list[_Space]:

@@ -16,7 +16,7 @@ from functools import lru_cache, partial, reduce
 import numpy as np
 
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
-from bench.analysis.diagnosis.candidates import Candidate, Theta, from_unit, outside, to_unit
+from bench.analysis.diagnosis.candidates import Candidate, Theta, about, outside
 from bench.analysis.diagnosis.evidence import drawn
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
@@ -245,12 +245,9 @@ class FormulaSearch:
     @staticmethod
     def _about(formula: Formula, theta: Theta) -> tuple[Theta, ...]:
         """Parameters about these, nearer and farther: where rows jump, a slope leads to the next jump only."""
-        rng, ends = np.random.default_rng(0), formula.parameters
-        unit = np.array([to_unit(p, value) for p, value in zip(ends, theta, strict=True)])
-        moved = rng.standard_normal((_ABOUT, len(ends))) * 10.0 ** rng.uniform(*_NEARER, (_ABOUT, 1))
-        tried = np.clip(unit + moved, 0.0, 1.0)
-        values = [from_unit(p, own).tolist() for p, own in zip(ends, tried.T, strict=True)]
-        return (theta, *zip(*values, strict=True))
+        rng = np.random.default_rng(0)
+        moved = rng.standard_normal((_ABOUT, len(theta))) * 10.0 ** rng.uniform(*_NEARER, (_ABOUT, 1))
+        return about(formula.parameters, theta, moved)
 
     def _grown(self, one: FoundFormula, tried: int) -> list[FoundFormula]:
         """The formula with a block or a parameter more, and again, while that pays; of its size `tried` were tried."""

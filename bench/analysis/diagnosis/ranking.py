@@ -12,7 +12,7 @@ from bench.analysis.diagnosis.evidence import Evidence, Suspect
 from bench.analysis.diagnosis.held_out import removed, settled, with_suspect
 from bench.analysis.diagnosis.proof import LeftOut, prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
-from bench.analysis.diagnosis.verdict import RULED_OUT, Explanation, acts_again, contenders, total
+from bench.analysis.diagnosis.verdict import RULED_OUT, Explanation, told
 from bench.analysis.effects.base import Effect, options_of
 from bench.analysis.thresholds import PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE
 from bench.base import FloatArray, number
@@ -100,18 +100,17 @@ class Ranking:
         if not ranked or ranked[0].evidence <= self.explained.threshold:
             return ()
         names = [s.effect for s in ranked if s.evidence + s.charged >= ranked[0].evidence - TIE]
-        told = self._told(layout, evidence) if self.check else {}
-        if suspect.effect in told:  # a check run can show it
-            least = max(told.values()) - RULED_OUT
-            names = [one.effect for one in ranked if told.get(one.effect, -np.inf) + one.charged > least]
+        known = self._told(layout, evidence) if self.check else {}
+        if suspect.effect in known:  # a check run can show it
+            least = max(known.values()) - RULED_OUT
+            names = [one.effect for one in ranked if known.get(one.effect, -np.inf) + one.charged > least]
         return tuple(name for name in names if name != suspect.effect) if suspect.effect in names else ()
 
     def _told(self, layout: Layout, evidence: Evidence) -> dict[str, float]:
-        """Evidence of each contender that check runs can show, by the runs and these together."""
+        """Evidence of each effect that check runs have a say in, by the runs and these together; worked out once."""
         if id(evidence) not in self._known:
-            near = [one for one in contenders(evidence) if acts_again(layout, self.offer, self.check, one)]
-            weighed = zip(near, total(layout, self.offer, self.check, evidence.point, near), strict=True)
-            self._known[id(evidence)] = {one.effect: own for one, own in weighed}
+            known = told(layout, self.offer, self.check, evidence)
+            self._known[id(evidence)] = {one.effect: own for one, own in known}
         return self._known[id(evidence)]
 
 

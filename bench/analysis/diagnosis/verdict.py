@@ -178,12 +178,12 @@ class Search:
         """
         tied = [one for one in enough if one.evidence >= enough[0].evidence - TIE]
         best = next((one for one in tied if not one.on_bound), enough[0])
-        asked = contenders(evidence) if self.check and alone else []
-        rivals = [one for one in asked if not one.on_bound and acts_again(layout, self.offer, self.check, one)]
-        if best not in rivals or len(rivals) < 2:
+        known = told(layout, self.offer, self.check, evidence) if self.check and alone else []
+        rivals = [(one, own) for one, own in known if not one.on_bound]
+        if best not in [one for one, _ in rivals]:
             return best
-        told = self._total(layout, evidence.point, rivals)
-        return next(one for one, own in zip(rivals, told, strict=True) if own > max(told) - RULED_OUT)
+        most = max(own for _, own in rivals)
+        return next(one for one, own in rivals if own > most - RULED_OUT)
 
     def _further(self, suspect: Suspect) -> float:
         """Evidence that it needs beside others."""
@@ -194,7 +194,7 @@ class Search:
         """The leaders of which the run and the check runs together tell enough, and no other one more."""
         if not self.check:
             return []
-        leaders = [leader for leader in leaders if leader.sized and acts_again(layout, self.offer, self.check, leader)]
+        leaders = [leader for leader in leaders if leader.sized and _acts_again(layout, self.offer, self.check, leader)]
         total = self._total(layout, point, leaders)
         least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
         return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
@@ -215,7 +215,7 @@ class Search:
         return prove(unseen(layout.rows, layout.theta, (), like=after).left, after).fall <= -PROVED_FALL
 
     def _total(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[float]:
-        return total(layout, self.offer, self.check, point, leaders)
+        return _total(layout, self.offer, self.check, point, leaders)
 
     def again(self, layout: Layout, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
         """Each effect judged beside all others: kept, replaced by a better one, or dropped if the others suffice.
@@ -242,17 +242,21 @@ class Search:
         return [*others, best]
 
 
-def contenders(evidence: Evidence) -> list[Suspect]:
-    """Effects that the run alone does not tell from the best one, and the next ones that check runs may bear more."""
+def told(layout: Layout, offer: Offer, check: Sequence[Dataset], evidence: Evidence) -> list[tuple[Suspect, float]]:
+    """Effects that the run alone does not tell from the best one, and the next ones that check runs may bear more,
+    where these can show them; each with its evidence by the run and the check runs together.
+    """
     ranked = evidence.each_once()
     least = ranked[0].evidence if ranked else 0.0
-    return [
+    near = [
         one for number, one in enumerate(ranked)
         if one.evidence + one.charged >= least - (_OUTWEIGHED if number < _LEADERS else TIE)
+        and _acts_again(layout, offer, check, one)
     ]  # fmt: skip
+    return list(zip(near, _total(layout, offer, check, evidence.point, near), strict=True))
 
 
-def total(
+def _total(
     layout: Layout, offer: Offer, check: Sequence[Dataset], point: Point, leaders: Sequence[Suspect]
 ) -> list[float]:
     """Evidence of each leader by the run and the check runs together; of what no check run can show, by the run."""
@@ -262,12 +266,12 @@ def total(
     before = settled(layout, leaders[0].refiner.lattice.way(point), check).left
     for leader in leaders:
         after = with_suspect(layout, offer.effects[leader.name], leader, check).left
-        again = acts_again(layout, offer, check, leader)
+        again = _acts_again(layout, offer, check, leader)
         found.append(leader.evidence + (borne.gain(before, after) if again else 0.0))
     return found
 
 
-def acts_again(layout: Layout, offer: Offer, check: Sequence[Dataset], leader: Suspect) -> bool:
+def _acts_again(layout: Layout, offer: Offer, check: Sequence[Dataset], leader: Suspect) -> bool:
     """Whether a check run can show it: a jump that happened once cannot."""
     effect = layout.prepared(offer.effects[leader.name])
     if effect.moves_abscissa:

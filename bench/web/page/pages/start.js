@@ -1,5 +1,5 @@
 // The operator's start page: asks for unit, plan and confirmation, one question at a time.
-import { html, useEffect, useRef, useState } from "../lib/preact.js";
+import { html, useEffect, useLayoutEffect, useRef, useState } from "../lib/preact.js";
 import { get } from "../lib/api.js";
 import { Operator } from "../lib/bar.js";
 import { useLive } from "../lib/live.js";
@@ -84,7 +84,7 @@ export default function Start({ query }) {
   useBack();
   useUnpressed(heading);
   const given = Boolean(query.unit || query.plan || query.calibration);
-  useEffect(() => {
+  useLayoutEffect(() => { // not after a question that the address has answered was drawn
     if (choices.plans && given) keep(asked(query, choices));
   }, [choices.plans]);
   useEffect(() => {
