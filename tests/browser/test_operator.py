@@ -240,7 +240,7 @@ def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visit
     picture(page, "abort")
     page.get_by_role("button", name="Abort the run").click()
     page.get_by_role("heading", name="ABORTED").wait_for()
-    page.get_by_text("Aborted by Olena").wait_for()
+    page.get_by_text(re.compile(r"^Aborted by Olena \(operator\)", re.IGNORECASE)).wait_for()
     page.get_by_text("The chamber is in its safe state; the bench has read it back.").wait_for()
     picture(page, "verdict-aborted")
     told = until(lambda: (found := bench.get(f"/live/{run}")) and not found["ended"]["analysing"] and found)

@@ -248,6 +248,20 @@ def test_an_answer_that_takes_long_is_given_as_it_was_and_made_anew_beside_it(tm
     assert shelf.answer("runs", slowly) == stock.Answer({"runs": b"2"}, current=True)
 
 
+def test_an_answer_that_is_still_being_counted_is_in_the_description(tmp_path, monkeypatch):
+    def takes_long(shelf, question, ask):
+        raise CountingError("ask again")
+
+    monkeypatch.setattr(stock.Stock, "answer", takes_long)
+    register([station(tmp_path, "A-1", "one", 0.0, residual=0.1)])
+    with served(Settings(out=tmp_path), repeats=False) as client:
+        described = client.get(f"{API}/openapi.json").json()["paths"]
+        for path in ("/fleet", "/fleet/lacks", "/fleet/charts/{name}"):
+            answer = client.get(API + path.format(name="distances"))
+            assert (answer.status_code, answer.headers["Retry-After"]) == (202, "1")
+            assert "202" in described[API + path]["get"]["responses"]
+
+
 def test_many_questions_at_once_are_counted_a_few_at_a_time(tmp_path, counted):
     _, go_on = counted
     shelf, begun = stock.Stock(tmp_path), []

@@ -60,6 +60,11 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 """Error answers for the OpenAPI description; one has the model, as each route makes a validator of each model."""
 
+COUNTING: dict[int | str, dict[str, Any]] = {
+    202: {"description": "Still being counted; Retry-After says when to ask again", "content": _JSON}
+}
+"""Of a route whose answer may be a CountingError."""
+
 
 def problem(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
     """An error as an answer."""

@@ -28,7 +28,7 @@ from bench.archive import (
 )
 from bench.archive import fleet_of as read
 from bench.base import InputError
-from bench.web.ground.problems import NotFoundError
+from bench.web.ground.problems import COUNTING, NotFoundError
 from bench.web.ground.settings import Here, Settings
 from bench.web.plans.catalog import Catalog, named
 from bench.web.shelf.stock import Answer, Stock
@@ -141,7 +141,7 @@ class FleetFigure(BaseModel):
     """Units with the quantity; the figure has the newest of them."""
 
 
-@router.get("/fleet")
+@router.get("/fleet", responses=COUNTING)
 def fleet(stock: Stocked, here: Here, chosen: Choice) -> Fleet:
     """Yield, capability, signals, drifts, odd units; figures are asked for one by one."""
     known = sorted(Catalog(here.project, here.own).limits())
@@ -182,7 +182,7 @@ class FleetLacks(BaseModel):
     """False while newer runs are being counted."""
 
 
-@router.get("/fleet/lacks")
+@router.get("/fleet/lacks", responses=COUNTING)
 def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max_length=200)] = None) -> FleetLacks:
     """How many units of each lot lack which effect, as far as the runs that the other figures show were diagnosed."""
     if not stock.exists:
@@ -199,7 +199,7 @@ def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max
     return FleetLacks(**{**found.part(OVERVIEW), "current": found.current})
 
 
-@router.get("/fleet/charts/{name}")
+@router.get("/fleet/charts/{name}", responses=COUNTING)
 def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, chosen: Choice) -> FleetFigure:
     """The control chart of a quantity, or `distances` of all units from their lots."""
     _require(stock)
