@@ -122,4 +122,9 @@ def case_profile(first: Dataset) -> str:
 def _tied(found: Diagnosis) -> list[str]:
     """Families that the result leaves open: one if it is decided, empty if nothing was found."""
     named = {s.effect for s in found.found[:1]} | set(found.found[0].look_alikes if found.found else ())
-    return sorted({effects.make(name).family for name in named} if len(named) > 1 else ())
+    return sorted({family(name) for name in named} if len(named) > 1 else ())
+
+
+def family(name: str) -> str:
+    """The cause that a name of the catalogue stands for; each formula is one of its own."""
+    return effects.make(name).family if name.isidentifier() else name

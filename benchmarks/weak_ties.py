@@ -33,7 +33,7 @@ from bench.analysis.effects import registry as effects
 from bench.mystery.hidden import HIDDEN
 from bench.record.dataset import Dataset
 from benchmarks import campaigns, cases
-from benchmarks.trials import MODEL
+from benchmarks.trials import MODEL, family
 
 BAR = 0.9
 THERMAL = ("thermal_lag", "temperature_rate", "preisach", "bouc_wen", "creep")
@@ -116,7 +116,7 @@ def _together(runs: Sequence[Dataset], still: Dataset) -> Diagnosis:
 def families(found: Diagnosis) -> list[str]:
     """Families that the first effect found leaves open: one if it is decided, empty if nothing was found."""
     named = [] if not found.found else [found.found[0].effect, *found.found[0].look_alikes]
-    return sorted({effects.make(name).family for name in named})
+    return sorted({family(name) for name in named})
 
 
 def decided(case: Case, result: dict[str, Any], way: str) -> bool:

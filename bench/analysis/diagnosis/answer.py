@@ -217,12 +217,17 @@ class Diagnosis:
         return tuple(s for s in self.found if s.proved) if self.verdict == "missing_effect" else ()
 
     @property
+    def tied(self) -> bool:
+        """Whether the effect found stands although the best formula explains more, by less than a formula needs."""
+        return bool(self.formulas) and any(s.effect in self.formulas[0].equivalent for s in self.found)
+
+    @property
     def added(self) -> str:
         """What `bench add` takes to make the model better: the best formula, else the effects found; empty without.
 
         Nothing that unseen data contradict, and no effect that is only the nearest to what is missing.
         """
-        if self.formulas:
+        if self.formulas and not self.tied:
             return self.formulas[0].added if self.formulas[0].proof.falls is not False else ""
         borne = [s.added for s in self.found if s.proof.falls is not False]
         return " ".join(borne) if self.verdict in {"missing_effect", "undecided"} else ""

@@ -85,7 +85,10 @@ _LIKE = (
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """Formulas, best first, and whether they explain the data better than the effects of the catalogue did."""
+    """Formulas, best first, and whether they explain the data better than the effects of the catalogue did.
+
+    Those that explain more than one effect does, and not enough to replace it, have its name among their equivalents.
+    """
 
     formulas: tuple[DescribedFormula, ...] = ()
     replaces: bool = False
@@ -133,15 +136,18 @@ class Describer:
     def better(self, layout: Layout, explained: Explanation) -> Description:
         """Formulas that explain more than the effects that were found do, which leave no more than the noise.
 
-        In the place of one effect a formula needs the evidence that any formula needs.
+        In the place of one effect a formula needs the evidence that any formula needs; with less it is told beside it.
         """
-        margin = FORMULA_EVIDENCE if len(explained.steps) < 2 else TIE
         found = self._search(layout, explained.first.point, near=_gain(layout, explained) - FORMULA_EVIDENCE)
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
-        if not self._named(layout, explained, plain, borne, margin)[1]:
+        named, more = self._named(layout, explained, plain, borne)
+        if not more:
             return Description()
-        return Description(self._answer(layout, plain, borne), replaces=True)
+        if len(explained.steps) > 1 or plain[0].total > named + FORMULA_EVIDENCE:
+            return Description(self._answer(layout, plain, borne), replaces=True)
+        best = self._listed(layout, plain)[0]
+        return Description((replace(best, equivalent=(explained.steps[0].name, *best.equivalent)),))
 
     def _borne(self, layout: Layout, found: Sequence[FoundFormula], explained: Explanation) -> Borne:
         return Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
@@ -156,7 +162,7 @@ class Describer:
         """What was `found` beside the model alone against the effects, and against the formulas beside the effects."""
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
-        named, better = self._named(layout, explained, plain, borne, TIE)
+        named, better = self._named(layout, explained, plain, borne)
         if better:
             return Description(self._answer(layout, plain, borne), replaces=True)
         beside = self._ranked(explained.layout, further.answer(), borne)
@@ -285,15 +291,15 @@ class Describer:
         return bool(float(further @ left) ** 2 > TIE * size * sigma2)
 
     def _named(
-        self, layout: Layout, explained: Explanation, plain: Sequence[_Ranked], borne: Borne, margin: float
+        self, layout: Layout, explained: Explanation, plain: Sequence[_Ranked], borne: Borne
     ) -> tuple[float, bool]:
         """Evidence of all effects found together, beside the model alone, and whether the best formula beside it alone
-        has more by a `margin`.
+        has more.
         """
         before, after = (unseen(each.rows, each.theta, self.check).left for each in (layout, explained.layout))
         own = borne.gain(before, after)
         named = _gain(layout, explained) + own
-        if not plain or plain[0].total <= named + margin:
+        if not plain or plain[0].total <= named + TIE:
             return named, False
         best = plain[0]
         other = best.borne > own + TIE or not UNCATALOGUED.isdisjoint(best.one.effect.needs)

@@ -219,11 +219,16 @@ class _Case:
             answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
         if formulas and answer.verdict == "unknown_effect":
             answer = replace(answer, proved=explains(formulas[0], self._expected(floor_dph)))
-        if formulas and formulas[0].proof.proved and answer.noise_finding == DRIFTS:
+        answer = replace(answer, formulas=formulas)
+        if answer.tied:
+            first, *others = answer.suspects
+            first = replace(first, look_alikes=(*first.look_alikes, formulas[0].formula))
+            answer = replace(answer, suspects=(first, *others))
+        elif formulas and formulas[0].proof.proved and answer.noise_finding == DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
-        left = formulas[0].held_out_rms_dph if formulas else improved.rms_dph
+        left = formulas[0].held_out_rms_dph if formulas and not answer.tied else improved.rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left))
-        answer = replace(answer, formulas=formulas, notes=notes)
+        answer = replace(answer, notes=notes)
         apart_dph = base.apart_dph if _apart(base, self.fit.rms_dph) else np.nan
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why, apart_dph))
 

@@ -119,6 +119,7 @@ def next_experiment(
     What the `check` runs tell is known, too.
     """
     described = any(formula.proof.proved and not formula.beside for formula in diagnosis.formulas[:1])
+    described &= not diagnosis.tied
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
     if open_ is None:
         unknown = diagnosis.verdict == "unknown_effect" and (described or not diagnosis.found)
@@ -137,9 +138,14 @@ def next_experiment(
         except InputError:  # these rows do not determine what was found before it: nothing can be predicted
             return None
         known = {effect.name: effect for effect in catalogued(base, runs)}
-        layout, offered = offer(layout, [known.get(name) or effects.make(name) for name in tied])
+        formula = {best.formula: best.model.effects[-1] for best in diagnosis.formulas[:1]}
+        wanted = {name: formula.get(name) or known.get(name) or effects.make(name) for name in tied}
+        layout, offered = offer(layout, list(wanted.values()))
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
-        best = {name: next((s for s in evidence.suspects if s.effect == name), None) for name in tied}
+        best = {
+            name: next((s for s in evidence.suspects if s.effect == effect.name), None)
+            for name, effect in wanted.items()
+        }
         rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]
         return propose(layout, rivals, evidence.suspects[0].point, limits)
 

@@ -86,7 +86,7 @@ function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}</p>
     <${Beside} effects=${one.beside} />
     <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
-    ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${text}</code></p>`)}
+    ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${effectWord(text)}</code></p>`)}
     ${one.caution && html`<p class="wb-warn"><${Said} text=${one.caution} /></p>`}
   </li>`)}</ol>`;
 }
