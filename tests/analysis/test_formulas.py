@@ -201,10 +201,21 @@ def softened(case):
     return out
 
 
+def transformed(case):
+    """Grains that change their phase about 20 degC, each 5 degC later up than at the middle, and as much later down."""
+    at = np.linspace(-1.5, 1.5, 61)
+    at, changed, out = 20.0 + 12.0 * at, at < 0.0, np.empty(len(case))
+    for second, value in enumerate(case):
+        changed = np.where(changed, value > at - 5.0, value > at + 5.0)
+        out[second] = 1.5 * changed.mean()
+    return out
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "formula"),
     [
+        (transformed, r"k \* play\(tanh\(\(temperature - (1[5-9]|2[0-4])(\.\d*)?\)/\d+(\.\d+)?\), 0\.\d+\)"),
         (drawn_in, r"k \* above\(dT_dt\) \* exp\(-\(\(temperature - (9|1[01])\.\d*\)/1[3-7](\.\d*)?\)\*\*2\)"),
         (loosened, r"k \* dT_dt \* above\(temperature - (2[89]|3[0-2])(\.\d*)?\)"),
         (softened, r"k \* lag\(above\(temperature - 3\d(\.\d*)?\), (1[6-9]|2[0-4])\d\d(\.\d*)?\)"),

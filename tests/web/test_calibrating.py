@@ -359,6 +359,23 @@ def record(settings, units, orders, started="2026-01-01T00:00:00.000+00:00"):
     start.write(folder)
 
 
+def test_a_calibration_that_stopped_before_anybody_asked_is_found_by_its_start(settings):
+    plan, station = settings.project / "profiles/plans/brief.yaml", library() / "stations" / "simulated.yaml"
+    order = Order.load(plan, station, "SIM-0001", settings.out, quiet=True)
+    job = calibrate(order, steps=[Fake("check", errors=[InputError("no laboratory")])])
+    for started in ("2026-01-01T00:00:00.000+00:00", "2999-01-01T00:00:00.000+00:00"):
+        record(settings, ["SIM-0001"], [order], started)
+    for start in settings.own.glob("starts/*"):
+        (start / "exit_code").write_text("2\n")
+        (start / "stderr").write_text("bench: another word\n")
+    with served(settings) as client:
+        told = client.get("/api/v1/starts/20261123T000000Z-0/calibration").json()
+        refused = client.get("/api/v1/starts/29991123T000000Z-0/calibration")
+    assert (told["job"], told["state"]) == (f"SIM-0001/{job.folder.name}", "failed")
+    assert "no laboratory" in told["sentence"]
+    assert (refused.status_code, refused.json()["detail"]) == (400, "another word")  # the job had stopped before it
+
+
 def test_all_units_that_stopped_together_go_on_together(settings, monkeypatch):
     plan, station = settings.project / "profiles/plans/brief.yaml", library() / "stations" / "four_units.yaml"
     units = ["SIM-0001", "GX-2@SIM-0002", "SIM-0003"]

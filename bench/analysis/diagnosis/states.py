@@ -38,6 +38,7 @@ def states(ranges: Ranges) -> list[Block]:
         _uneven(ranges),
         _spreading(ranges),
         _turned(ranges, "temperature", "temperature"),
+        _transition(ranges),
         *_warmed(ranges),
         *_fading(ranges),
         *hops(ranges),
@@ -179,6 +180,19 @@ def _turned(ranges: Ranges, name: str, called: str) -> Block:
     words = f"the memory of a step over the {called}"
     return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
                  drives=True)  # fmt: skip
+
+
+def _transition(ranges: Ranges) -> Block:
+    """What changes over a range of temperature, later while it is heated than while it is cooled: a change of phase, a
+    magnet. A latch is the sharp one.
+    """
+    low, high = ranges.temperature
+    span = high - low
+    tried = tuple((*one, share * span, late) for one in inner(low, high, 7) for share in (0.1, 0.25)
+                  for late in (0.1, 0.3, 0.6))  # fmt: skip
+    bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)), ("limit", (0.01, 0.95)))
+    return Block("play(tanh((temperature - {centre})/{width}), {limit})",
+                 "a change of state over a range of temperature, with hysteresis", "", bounds, tried, places=1)  # fmt: skip
 
 
 def _warmed(ranges: Ranges) -> list[Block]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -183,13 +184,15 @@ def _changed_ns(folder: os.DirEntry[str]) -> int:
 
 @router.get("/starts/{start}/calibration")
 def of_start(start: Id, request: Request, here: Here) -> Job | None:
-    """The calibration that a start began or went on with; null while it has no folder, 400 where it was refused."""
+    """The calibration that a start began or went on with; null while it has no folder, 400 where it was refused before
+    that.
+    """
     known = starts_of(request).find(start)
     if not known or not known["digest"]:
         raise HTTPException(404, f"no start of a calibration {start!r}; GET /api/v1/calibrations lists them")
-    if known["state"] == "refused":
-        raise HTTPException(400, known["message"])
     folder, going = _job_of(known, here), known["state"] in GOING
+    if known["state"] == "refused" and not (folder and _stopped_since(folder, known["started"])):
+        raise HTTPException(400, known["message"])
     if folder is None and not going:
         raise HTTPException(400, known["message"] or "the calibration ended before it began: start it again")
     if folder is None or (going and JobRecord.read(folder).state == "ended"):  # that was the one before
@@ -274,6 +277,12 @@ def _folder(unit: str, job: str, here: Settings) -> Path:
     if folder is None or not (folder / JobRecord.FILE).is_file():
         raise HTTPException(404, f"no calibration {unit}/{job}; GET /api/v1/calibrations lists them")
     return folder
+
+
+def _stopped_since(folder: Path, started: str) -> bool:
+    """Whether a job has stopped after a start: not one that had stopped before it, of which it knows nothing."""
+    ended = JobRecord.read(folder).ended
+    return ended is not None and datetime.fromisoformat(ended) >= datetime.fromisoformat(started)
 
 
 def _job_of(start: Mapping[str, Any], here: Settings) -> Path | None:

@@ -36,17 +36,20 @@ function useChoices() {
   return { ...choices, load };
 }
 
+/** When the answers began to be given: those of a run that has been started are not asked again. */
+let since = Date.now();
+
 /** Answers, kept with the entry of the history, or with a new one. */
 function keep(next, how = "replaceState") {
-  history[how]({ order: next }, "");
+  history[how]({ order: next, since }, "");
   order.set(next);
 }
 
 /** Each question is an entry of the history with its answers: Back asks the one before again. */
 function useBack() {
   useEffect(() => {
-    const back = ({ state }) => state?.order && order.set(state.order);
-    history.replaceState({ order: order.get() }, "");
+    const back = ({ state }) => state?.order && order.set(state.since === since ? state.order : NOTHING);
+    keep(order.get());
     addEventListener("popstate", back);
     return () => removeEventListener("popstate", back);
   }, []);
@@ -110,6 +113,7 @@ export default function Start({ query }) {
       ${step === "ready" && html`<${Ready} order=${now} answer=${answer} plan=${plan} station=${station} limits=${choices.limits}
         begun=${() => {
           lastStation.set(now.station);
+          since = Date.now();
           order.set(NOTHING);
         }} />`}
     </section>
