@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import bench as bench_package
 from bench.acquisition.importer import confines
 from bench.acquisition.importer.confines import FOR_A_RUN, FOR_EACH_BYTE, LEAST_BYTES, Confines, memory_for
 from bench.acquisition.importer.reading import read_confined
@@ -81,6 +82,17 @@ def test_what_was_read_in_the_other_process_is_what_is_read_in_this_one(tmp_path
     assert [ours.line(i) for i in range(3)] == [theirs.line(i) for i in range(3)] == [3, 4, 6]
     assert ours.notes == theirs.notes
     assert ours.units == theirs.units
+
+
+def test_the_other_process_imports_from_where_this_one_does(tmp_path, monkeypatch):
+    (tmp_path / "own_reader.py").write_text(
+        "import sys\nfrom pathlib import Path\nimport bench\nfrom bench.acquisition import answering\n"
+        "answering(lambda wanted: {'bench': bench.__file__}, Path(sys.argv[1]), Path(sys.argv[2]))\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    (folder := tmp_path / "asked").mkdir()
+    limits = Confines(memory_bytes=MEMORY)
+    assert confines.run_confined("own_reader", {}, folder, limits, folder) == {"bench": bench_package.__file__}
 
 
 def test_the_limit_follows_the_file_and_the_memory_that_is_free(monkeypatch):

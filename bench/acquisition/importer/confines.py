@@ -148,8 +148,12 @@ def shortened(text: str) -> str:
 
 
 def _run(command: list[str], folder: Path, within: Path | None, confines: Confines) -> tuple[int | None, str]:
-    """Exit code (None: killed after the time limit) and the end of stderr."""
+    """Exit code (None: killed after the time limit) and the end of stderr.
+
+    It imports from where this process does, which another installed version of the bench must not replace.
+    """
     environment = {
+        "PYTHONPATH": os.pathsep.join(path for path in sys.path if Path(path).is_absolute()),
         "PATH": os.defpath, "HOME": str(folder), "TMPDIR": str(folder), "LANG": "C.UTF-8", "OPENBLAS_NUM_THREADS": "1",
         "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system", "MALLOC_ARENA_MAX": "2",
         "PYTHONFAULTHANDLER": "",
