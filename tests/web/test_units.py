@@ -86,6 +86,8 @@ def test_a_trend_goes_over_runs_with_its_limits(client):
     figure = client.get(f"{API}/units/{UNIT}/trends/residual_rms_dph").json()["figure"]
     assert figure["data"][0]["y"] == pytest.approx([0.12, 0.136, 0.168, 0.184, 0.2])
     assert "range" not in figure["layout"]["xaxis"]
+    (limit,) = figure["layout"]["annotations"]
+    assert (limit["text"], limit["xanchor"], limit["x"]) == ("upper limit", "left", 0), "the last point is at the right"
     single = client.get(f"{API}/units/L0-0000/trends/residual_rms_dph").json()["figure"]
     assert single["layout"]["xaxis"]["range"] == ["2026-02-28T23:00:00+00:00", "2026-03-01T01:00:00+00:00"]
     assert client.get(f"{API}/units/{UNIT}/trends/nothing").status_code == 404

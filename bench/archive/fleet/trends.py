@@ -91,10 +91,21 @@ def figure(trend: Mapping[str, Any]) -> Plot:
         | _around({point["created"] for point in trend["points"]}),
         "yaxis": axis(f"[{in_print(trend['unit'])}]", rangemode="tozero" if min(values) >= 0 else "normal"),
         "shapes": [shape for shape, _ in levels],
-        "annotations": [label for _, label in levels],
+        "annotations": [
+            label | _clear(end, trend["points"]) for (end, _), (_, label) in zip(near, levels, strict=True)
+        ],
         "showlegend": True,
     }
     return plot(traces, layout, 340)
+
+
+def _clear(level: float, points: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The end of a level's line at which its label has the points farther away."""
+    moments = [datetime.fromisoformat(point["created"]) for point in points]
+    middle = min(moments) + (max(moments) - min(moments)) / 2
+    away = [(moment > middle, abs(point["value"] - level)) for moment, point in zip(moments, points, strict=True)]
+    early, late = (min((apart for half, apart in away if half is wanted), default=0.0) for wanted in (False, True))
+    return {"x": 0, "xanchor": "left"} if early > late else {}
 
 
 def _around(moments: Collection[str]) -> dict[str, Any]:
