@@ -167,6 +167,15 @@ def test_times_of_day_beside_dates_count_the_days_between(tmp_path):
     assert plan.time.tolist() == [0, 10, 201_610, 201_620]
 
 
+def test_a_log_with_dates_keeps_its_first_moment_which_is_no_warning(tmp_path):
+    rows = "".join(f"2026-11-20 23:59:{50 + i},1,20\n" for i in range(4))
+    plan = imported(write(tmp_path, f"time,rate [deg/h],temp [degC]\n{rows}"))
+    begin = "'time' begins at 2026-11-20 23:59:50"
+    assert begin in plan.warnings
+    assert begin not in plan.doubts
+    assert f"  note: {begin}\n" in plan.preview()
+
+
 def test_comments_and_blank_lines_between_rows_keep_the_line_numbers(tmp_path):
     text = "# one\r\ntime,rate,temperature\r\n0,1,20\r\n\r\n# stop\r\n2,1,20\r\n1.9,1,20\r\n"
     assert refusal(write(tmp_path, text)).startswith("FILE:7: time runs backwards")

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -39,6 +40,9 @@ _LEAST_SORTED = 3
 _HOUR_S = 3600.0
 _BRANCHES = 24  # that the preview lists; a noisy thermometer, or a wrong column, makes hundreds
 
+_CLEAR = re.compile("were read as points$|was read as (1 and 0|the units)|^'.*' begins at ")
+"""Notes of a table that leave no doubt."""
+
 
 @dataclass(frozen=True, eq=False)
 class ImportPlan:
@@ -57,6 +61,11 @@ class ImportPlan:
     def interval_s(self) -> float:
         """Median time from sample to sample [s]."""
         return float(np.median(np.diff(self.time)))
+
+    @property
+    def doubts(self) -> list[str]:
+        """What may be wrong with the table, without what only tells how something in it was read."""
+        return [text for text in self.warnings if _CLEAR.search(text) is None]
 
     def dataset(self) -> Dataset:
         """The table as a record in memory, its rows as they are; nothing is written."""
@@ -93,7 +102,9 @@ class ImportPlan:
                   "degC/min" for i, b in enumerate(self.branches[:_BRANCHES])]  # fmt: skip
         if len(self.branches) > _BRANCHES:
             lines.append(f"  … and {len(self.branches) - _BRANCHES} further branches")
-        return "\n".join([*lines, *(f"  warning: {warning}" for warning in self.warnings)])
+        doubts = self.doubts
+        said = [f"  {'warning' if text in doubts else 'note'}: {text}" for text in self.warnings]
+        return "\n".join([*lines, *said])
 
     def to_json(self) -> dict[str, Any]:
         """The same for a program."""

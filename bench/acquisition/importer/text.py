@@ -74,7 +74,7 @@ def table_of_text(data: bytes, path: Path, notes: Sequence[str] = ()) -> Table:
         raise InputError(f"column {len(names) + 1} has no name in the header", path, line)
     names, columns = joined_dates(names, columns)
     read = {name: numbers(name, column) for name, column in zip(names, columns, strict=True)}
-    notes += dict.fromkeys(column.note for column in read.values() if column.note)
+    notes += dict.fromkeys(note for column in read.values() for note in column.notes)
     unread = {n: (c.reason, int(where[c.row])) for n, c in read.items() if c.values is None}
     known = {name: column.values for name, column in read.items() if column.values is not None}
     for name, values in known.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,7 @@ class Column:
 
     values: FloatArray | None
     unit: str = ""
-    note: str = ""
+    notes: tuple[str, ...] = ()
     reason: str = ""
     row: int = 0
 
@@ -59,12 +60,12 @@ def numbers(name: str, column: Any) -> Column:
     whole = pc.match_substring_regex(texts, f"^{_COMMA}$")
     if pc.all(whole).as_py():
         points = pc.replace_substring(texts, ",", ".")
-        return Column(points.cast(pa.float64()).to_numpy(), note="its decimal commas were read as points")
+        return Column(points.cast(pa.float64()).to_numpy(), notes=("its decimal commas were read as points",))
     lower = pc.utf8_lower(texts)
     on = pc.is_in(lower, pa.array(_ON))
     if pc.all(pc.or_(on, pc.is_in(lower, pa.array((None, *_OFF))))).as_py():
         switched = pc.if_else(pc.is_null(texts), None, on.cast(pa.float64()))
-        return Column(switched.to_numpy(), note=f"'{name}' was read as 1 and 0 (on and off)")
+        return Column(switched.to_numpy(), notes=(f"'{name}' was read as 1 and 0 (on and off)",))
     return _times(name, texts.to_pandas()) or _no_numbers(name, texts.to_pylist())
 
 
@@ -92,7 +93,9 @@ def _times(name: str, texts: pd.Series[Any]) -> Column | None:
 
     first = next(iter(texts.dropna()), "")
     zoned = re.fullmatch(f"({_ISO}){_ZONE}", first) is not None
-    note = "" if zoned else f"'{name}' has no time zone: its clock must not change to or from summer time in the record"
+    notes = [f"'{name}' begins at {first.strip()}"]
+    if not zoned:
+        notes.append(f"'{name}' has no time zone: its clock must not change to or from summer time in the record")
     plain = texts.str.replace(",", ".", regex=False)
     if zoned or re.fullmatch(_ISO, first):
         moments = pd.to_datetime(plain, format="ISO8601", utc=zoned, errors="coerce")
@@ -108,18 +111,18 @@ def _times(name: str, texts: pd.Series[Any]) -> Column | None:
         moments = pd.to_datetime(plain, format="mixed", dayfirst=bool(parts[0] > 12), errors="coerce")
     elif re.fullmatch(_CLOCK, first):
         clock = pd.to_timedelta(plain.where(plain.str.count(":") == 2, plain + ":00"), errors="coerce")
-        return _checked(name, texts, _past_midnight(np.asarray(clock.dt.total_seconds(), np.float64)), note)
+        return _checked(name, texts, _past_midnight(np.asarray(clock.dt.total_seconds(), np.float64)), notes)
     else:
         return None
-    return _checked(name, texts, np.asarray((moments - moments.dropna().iloc[0]).dt.total_seconds(), np.float64), note)
+    return _checked(name, texts, np.asarray((moments - moments.dropna().iloc[0]).dt.total_seconds(), np.float64), notes)
 
 
-def _checked(name: str, texts: pd.Series[Any], seconds: FloatArray, note: str) -> Column:
+def _checked(name: str, texts: pd.Series[Any], seconds: FloatArray, notes: Sequence[str]) -> Column:
     wrong = np.flatnonzero(np.isnan(seconds) & texts.notna().to_numpy())
     if wrong.size:
         reason = f"'{name}' is '{_short(texts.iloc[wrong[0]])}', no time as in the rows before"
         return Column(None, reason=reason, row=int(wrong[0]))
-    return Column(np.array(seconds, dtype=np.float64), "s", note)
+    return Column(np.array(seconds, dtype=np.float64), "s", tuple(notes))
 
 
 def _past_midnight(seconds: FloatArray) -> FloatArray:

@@ -6,7 +6,6 @@ has no key: run folders are made and signed in the server's own process.
 
 from __future__ import annotations
 
-import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,8 +21,6 @@ MOST_COLUMNS = 300
 """Columns that the page lists."""
 FIRST_ROWS = 5
 _DRAWN = 600
-_CLEAR = re.compile("were read as points$|was read as (1 and 0|the units)")
-"""Notes of a table that leave no doubt."""
 
 
 def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
@@ -63,13 +60,8 @@ def make(wanted: Mapping[str, Any], table: Table) -> dict[str, Any]:
     failed = register_runs([folder.path], None, begin=True)
     return {
         "run": folder.path.relative_to(out).as_posix(),
-        "warnings": [*_doubts(plan), *map(shortened, filter(None, [failed]))],
+        "warnings": [shortened(text) for text in (*plan.doubts, *filter(None, [failed]))],
     }
-
-
-def _doubts(plan: ImportPlan) -> list[str]:
-    """What may be wrong with a table; how something in it was read is only told."""
-    return [shortened(text) for text in plan.warnings if _CLEAR.search(text) is None]
 
 
 def _columns(wanted: Mapping[str, Any]) -> Any:
@@ -129,7 +121,7 @@ def _understood(plan: ImportPlan) -> dict[str, Any]:
         "time": plan.time_source.model_dump(exclude_none=True), "channels": channels, "interval_s": plan.interval_s,
         "duration_s": float(plan.time[-1]), "rows": int(plan.time.size),
         "segments": [branch.as_segment(i).content() for i, branch in enumerate(plan.branches)],
-        "warnings": _doubts(plan),
+        "warnings": [shortened(text) for text in plan.doubts],
     }  # fmt: skip
 
 
