@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -318,6 +319,13 @@ def test_a_plan_that_was_changed_has_its_own_words_not_those_of_the_shipped_one(
     assert spoken("lib/names.js", "planPurpose", given, "en")[2] == "0 to 70 degC"
     runs = [{"profile": "quick", "shipped": shipped} for shipped in (True, False)]
     assert spoken("lib/names.js", "planName", runs, "en") == ["Quick run, 0 to 50\u00a0°C", "quick"]
+
+
+def test_a_finding_names_a_plan_as_its_reader_knows_it() -> None:
+    found = ["quick_check.yaml: is short", "S-1: plans/../mine.yaml:12: is short", "other.yaml:3: is short"]
+    plans = [{"id": "quick_check", "title": "quick"}, {"id": "mine", "title": "My plan", "shipped": False}]
+    said = spoken("lib/names.js", f"ofPlans && ((text) => page.ofPlans(text, {json.dumps(plans)}))", found, "en")
+    assert said == ["Quick verification, 5 to 45\u00a0°C: is short", "S-1: My plan: is short", "other.yaml:3: is short"]
 
 
 def test_a_shipped_station_is_named_whichever_way_its_name_is_written() -> None:

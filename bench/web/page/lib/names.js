@@ -7,6 +7,13 @@ const ofPlan = (plan, what, own) => (plan.shipped === false ? own : or(`${plan.c
 export const planTitle = (plan) => ofPlan(plan, "", plan.title);
 export const planPurpose = (plan) => ofPlan(plan, ".for", plan.summary);
 
+/** A finding about the file of one of these plans (`quick_check.yaml: …`), which people know by its name. */
+export const ofPlans = (text, plans) =>
+  text.replace(/(^|: )(?:\S*\/)?([^\s/:]+)\.yaml(?::\d+)?(?=: )/, (file, before, id) => {
+    const plan = plans.find((one) => one.id === id);
+    return plan ? `${before}${planTitle(plan)}` : file;
+  });
+
 /** Whether a plan is offered to who is signed in: what a diagnosis proposed is for engineers. */
 export const isOffered = (plan) => !plan.proposed || may("engineer");
 

@@ -110,7 +110,7 @@ export default function Start({ query }) {
       ${step === "unit" && html`<${UnitQuestion} stations=${choices.stations} last=${lastStation.get()} answer=${answer} />`}
       ${awaited}
       ${step === "plan" && html`<${PlanQuestion} plans=${choices.plans} calibrations=${choices.calibrations} station=${station} answer=${answer} />`}
-      ${step === "ready" && html`<${Ready} order=${now} answer=${answer} plan=${plan} station=${station} limits=${choices.limits}
+      ${step === "ready" && html`<${Ready} order=${now} answer=${answer} plan=${plan} plans=${choices.plans} station=${station} limits=${choices.limits}
         begun=${() => {
           lastStation.set(now.station);
           since = Date.now();

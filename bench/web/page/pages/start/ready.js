@@ -10,7 +10,7 @@ import { between, degrees, forecast, inOneLine, language, number, t } from "../.
 import { Begun, ByHand, beginAll } from "./calibration.js";
 import { useCheck } from "./check.js";
 import { OperatorField, operatorOf } from "./operator.js";
-import { limitsName, planTitle } from "../../lib/names.js";
+import { limitsName, ofPlans, planTitle } from "../../lib/names.js";
 import { Said } from "../../lib/said.js";
 
 const TONES = { error: "bad", warning: "warn", info: "idle" };
@@ -20,7 +20,7 @@ const MINUTE_MS = 60_000;
 /** Limits that were chosen for each plan in this browser. */
 const lastLimits = remembered("limits_of", {});
 
-export function Ready({ order, answer, plan, station, limits, begun }) {
+export function Ready({ order, answer, plan, plans, station, limits, begun }) {
   const calibrating = Boolean(plan.calibration);
   const [starting, setStarting] = useState(false);
   const [refused, setRefused] = useState(null);
@@ -54,7 +54,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
       <${Curve} curve=${result?.curve ?? plan.curve} width=${760} height=${300} axes />
     </div>
     <div class="ready-go">
-      <${Checked} result=${result} error=${error} again=${again} units=${order.units.map(serialOf)} />
+      <${Checked} result=${result} plans=${plans} error=${error} again=${again} units=${order.units.map(serialOf)} />
       ${calibrating && html`<${ByHand} plan=${plan} station=${station} failed=${result && !result.ok} />`}
       ${!calibrating && limits.length > 0 && html`<div class="field"><label for="limits">${t("ready.limits")}</label>
         <select id="limits" value=${within} onChange=${(event) => setWithin(event.target.value)}>
@@ -66,7 +66,7 @@ export function Ready({ order, answer, plan, station, limits, begun }) {
       <${Trouble} error=${refused} forget=${() => setRefused(null)} />
       ${refused?.status === 409 && html`<p><button type="button" onClick=${() => start(true)}>${t("ready.queue")}</button></p>`}
       ${calibrating && html`<${Begun} begun=${result?.begun} anew=${order.anew} setAnew=${(anew) => answer({ anew })} />`}
-      <${StartButton} ready=${ready} starting=${starting} later=${later} wrong=${result?.ok === false} warnings=${result ? findingsOf(result).serious.length : 0} start=${() => start()} />
+      <${StartButton} ready=${ready} starting=${starting} later=${later} wrong=${result?.ok === false} warnings=${result ? findingsOf(result, plans).serious.length : 0} start=${() => start()} />
       <div class="field"><label for="later">${t("ready.later")}</label>
         <input id="later" type="datetime-local" value=${later} aria-invalid=${passed ? "true" : undefined} aria-describedby="later-wrong" onInput=${(event) => setLater(event.target.value)} />
         <p id="later-wrong" class="tone-bad small" role="status">${passed && t("ready.passed")}</p></div>
@@ -106,20 +106,20 @@ function Facts({ plan, result, station, units }) {
 }
 
 /** Findings that matter, the worst first, and notes. */
-function findingsOf(result) {
+function findingsOf(result, plans) {
   const late = result.segments.filter((segment) => segment.outcome !== "done");
   const findings = [
     ...late.map((segment) => ({ level: "error", text: `${segment.name}: ${segment.reason}` })),
-    ...result.findings,
+    ...result.findings.map((finding) => ({ ...finding, text: ofPlans(finding.text, plans) })),
   ].sort((one, other) => Object.keys(TONES).indexOf(one.level) - Object.keys(TONES).indexOf(other.level));
   return { serious: findings.filter(({ level }) => level !== "info"), notes: findings.filter(({ level }) => level === "info") };
 }
 
 /** Findings of the check: one lamp for all, and each finding. */
-function Checked({ result, error, again, units }) {
+function Checked({ result, plans, error, again, units }) {
   if (error) return html`<${Trouble} error=${error} retry=${again} />`;
   if (!result) return html`<div class="panel"><${Busy}>${t("ready.checking")}<//></div>`;
-  const { serious, notes } = findingsOf(result);
+  const { serious, notes } = findingsOf(result, plans);
   const tone = !result.ok ? "bad" : serious.length ? "warn" : "good";
   return html`<div id="check" class=${`checked notice ${tone}`} role="status">
     <p class="checked-word"><${Lamp} tone=${tone}>${t(`ready.${tone}`, { n: serious.length })}<//></p>
