@@ -38,9 +38,12 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
 
 
 def diagnose_units(
-    model_name: str, out: Path, where: str | None, options: RefitOptions, *, again: bool = False
+    model_name: str, out: Path, where: str | None, options: RefitOptions, *, part: str = "", again: bool = False
 ) -> FleetDiagnosed:
-    """`bench fleet diagnose`: what the model of every unit lacks, and what a lot has in common."""
+    """`bench fleet diagnose`: what the model of every unit lacks, and what a lot has in common.
+
+    `part`: of units with this in their serial number.
+    """
     from bench.commands.refitting import engine_of
 
     model, name = analysis.load_model(model_name), "none"
@@ -54,7 +57,8 @@ def diagnose_units(
         raise InputError("no registered runs here; make the registry with `bench registry rebuild`", out)
     with open_in(out, where) as registry:
         begun = time.perf_counter()
-        found = archive.diagnose_fleet(registry, archive.archive(out), model, engine, options.selection, again=again)
+        ledger = archive.archive(out)
+        found = archive.diagnose_fleet(registry, ledger, model, engine, options.selection, part=part, again=again)
     if not found.told and not found.failed:
         raise InputError(f"no finished run to diagnose: {'; '.join(found.left_out) or 'none is registered'}", out)
     return FleetDiagnosed(model.name, found, name, time.perf_counter() - begun)

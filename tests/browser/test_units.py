@@ -361,4 +361,6 @@ def test_the_fleet_page_shows_what_models_lack_by_lot(tmp_path, visitors):
         assert table.get_by_role("row", name="Thermal lag").locator("td").first.inner_text() == "5"
         table.scroll_into_view_if_needed()
         picture(page, "fleet-lacks")
+        page.get_by_role("button", name="Diagnose the units that were not yet").click()
+        page.locator(".findings li", has_text="L0-").first.wait_for()
         page.context.close()

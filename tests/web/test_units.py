@@ -18,6 +18,7 @@ from bench.web.shelf import stock
 from tests.support.fleet_runs import LIMITS, line, station, uncalibrated
 from tests.support.run_folders import keep
 from tests.support.unit_history import PDF, UNIT, unit_with_history
+from tests.support.waiting import until
 from tests.support.web_client import served
 
 API = "/api/v1"
@@ -358,6 +359,21 @@ def test_what_units_lack_is_told_of_the_units_of_the_other_figures(tmp_path):
             units = client.get(f"{API}/fleet", params=chosen).json()["units"]
             assert (chosen, sum(told["models"].values())) == (chosen, units)
             assert told["units"] == (3 if not chosen else units)
+
+
+def test_units_that_were_not_diagnosed_are_by_a_job_that_names_those_it_cannot(tmp_path):
+    folders = [station(tmp_path, unit, "S", 1.0, residual=0.1) for unit in ("A-1", "A-2", "B-1")]
+    with served(Settings(out=tmp_path, project=tmp_path)) as client:
+        client.post(f"{API}/registry", json={}).raise_for_status()
+        diagnosed(folders[0], "spline", ["creep"])
+        shown = f"{API}/fleet/lacks?q=A-&since=2026-01-01"
+        assert client.post(shown, json={"model": "nobody"}).status_code == 400
+        job = client.post(shown, json={"model": "spline"}).json()["job"]
+        done = until(lambda: (seen := client.get(f"{API}/jobs/{job}?wait_s=20").json())["state"] == "done" and seen)
+        assert done["result"]["made"] == 0
+        assert [text.partition(":")[0] for text in done["result"]["failed"]] == ["A-2"]
+        assert str(tmp_path) not in str(done)
+        assert client.get(f"{API}/fleet/lacks").json()["lots"][0]["lacks"] == {"creep": 1}
 
 
 def test_runs_without_a_calibration_do_not_choose_of_which_plan_it_is_told_what_units_lack(tmp_path):

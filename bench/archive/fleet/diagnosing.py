@@ -89,17 +89,22 @@ def _lost(folders: Sequence[str], why: str) -> list[Answer]:
     return [Answer(folder, error=f"not diagnosed: {why}") for folder in folders]
 
 
-def diagnose_fleet(
+def diagnose_fleet(  # noqa: PLR0913 - options of one command, by keyword
     registry: Registry,
     ledger: Ledger,
     model: Model,
     engine: Callable[[int], Engine],
     selection: Selection | None = None,
     *,
+    part: str = "",
     again: bool = False,
 ) -> FleetDiagnosis:
-    """Diagnose the newest selected run of each unit where that is not done yet; `engine` is made for so many runs."""
-    chosen, left_out = as_shown(registry, selection).of(runs(registry, archive=ledger.id))
+    """Diagnose the newest selected run of each unit where that is not done yet; `engine` is made for so many runs.
+
+    `part`: of units with this in their serial number.
+    """
+    found = [run for run in runs(registry, archive=ledger.id) if part in run["unit"]]
+    chosen, left_out = as_shown(registry, selection, _having(part)).of(found)
     folders: dict[str, str] = {}
     for run in chosen:  # the newest first
         folders.setdefault(run["unit"], str(ledger.root / run["path"]))
@@ -119,8 +124,13 @@ def diagnose_fleet(
                 _register(registry, ledger, written)
     finally:
         _register(registry, ledger, written)
-    done.told = known_lacks(registry, selection, model.name, archive=ledger.id).told
+    done.told = known_lacks(registry, selection, model.name, ledger.id, part).told
     return done
+
+
+def _having(part: str) -> str | None:
+    """Pattern of serial numbers with this in them."""
+    return f".*{re.escape(part)}.*" if part else None
 
 
 @dataclass(frozen=True)
@@ -143,7 +153,7 @@ def known_lacks(
 
     `part`: of units with this in their serial number.
     """
-    selection = as_shown(registry, selection, f".*{re.escape(part)}.*" if part else None)
+    selection = as_shown(registry, selection, _having(part))
     found = runs(registry, archive=archive, among=selection.among())
     chosen, _ = selection.of([run for run in found if part in run["unit"]])
     newest: dict[str, Row] = {}

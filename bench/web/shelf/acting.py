@@ -10,12 +10,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pydantic import TypeAdapter
+
+from bench.archive import Selection
 from bench.base import BenchError, InputError
 from bench.commands import (
     PAPERS,
     CertificateOptions,
     NotAnalysed,
+    RefitOptions,
     UnitsReported,
+    diagnose_units,
     doctor,
     imu_certificate,
     load_station,
@@ -53,6 +58,17 @@ def analysed(wanted: Mapping[str, Any]) -> dict[str, Any]:
             raise InputError(_hidden(wanted, unit.result.error))
     register_runs(made.runs, None, begin=False)
     return {"run": wanted["run"], "verdict": made.verdict}
+
+
+def fleet_diagnosed(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """`bench fleet diagnose` of the units that a page shows: how many were diagnosed now, and why others were not.
+
+    Each one is kept as soon as it is made: a job that was given up is continued by the next.
+    """
+    options = RefitOptions(TypeAdapter(Selection).validate_python(wanted["selection"]), workers=1)
+    out = Path(wanted["out"])
+    found = diagnose_units(wanted["model"], out, wanted["where"], options, part=wanted["part"]).diagnosis
+    return {"made": found.made, "failed": [text.replace(f"{out}/", "") for text in found.failed]}
 
 
 def replayed(wanted: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from datetime import UTC, date, datetime, time
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic_core import to_jsonable_python
 
 from bench.analysis import load_limits
 from bench.archive import (
@@ -30,7 +31,10 @@ from bench.archive import fleet_of as read
 from bench.base import InputError
 from bench.web.ground.problems import COUNTING, NotFoundError
 from bench.web.ground.settings import Here, Settings
+from bench.web.jobs.jobs import Asked, submit
+from bench.web.people.access import Engineer
 from bench.web.plans.catalog import Catalog, named
+from bench.web.plans.checking import Name
 from bench.web.shelf.stock import Answer, Stock
 from bench.web.shelf.units import Stocked
 
@@ -182,6 +186,12 @@ class FleetLacks(BaseModel):
     """False while newer runs are being counted."""
 
 
+class FleetDiagnosis(BaseModel):
+    """The model whose lacks are asked for."""
+
+    model: Name
+
+
 @router.get("/fleet/lacks", responses=COUNTING)
 def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max_length=200)] = None) -> FleetLacks:
     """How many units of each lot lack which effect, as far as the runs that the other figures show were diagnosed."""
@@ -199,7 +209,20 @@ def lacks(stock: Stocked, chosen: Choice, model: Annotated[str | None, Query(max
     return FleetLacks(**{**found.part(OVERVIEW), "current": found.current})
 
 
-@router.get("/fleet/charts/{name}", responses=COUNTING)
+@router.post("/fleet/lacks", status_code=202)
+def diagnose(
+    request: Request, stock: Stocked, here: Here, chosen: Choice, wanted: FleetDiagnosis, who: Engineer
+) -> Asked:
+    """Request `bench fleet diagnose` of the units that the other figures show."""
+    _require(stock)
+    inputs = {
+        "model": Catalog(here.project, here.own).model(wanted.model), "out": str(stock.root), "where": stock.where,
+        "selection": to_jsonable_python(chosen.selection()), "part": chosen.q,
+    }  # fmt: skip
+    return submit(request, "fleet", "bench.web.shelf.acting:fleet_diagnosed", inputs, lane="slow")
+
+
+@router.get("/fleet/charts/{name}")
 def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, chosen: Choice) -> FleetFigure:
     """The control chart of a quantity, or `distances` of all units from their lots."""
     _require(stock)

@@ -10,7 +10,9 @@ import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
 import { asGiven, day, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { NoRegistry, Tile, useGet } from "./stock/parts.js";
+import { Going, useAct } from "./run.js";
 import { outcomeWord } from "./verdict/judged.js";
+import { offered } from "./workbench/offered.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
 /** Texts or links in one line. */
@@ -139,12 +141,28 @@ function Odd({ fleet }) {
 const WORDS = ["adequate", "undecided", "unknown_effect"];
 const MOST_LOTS = 12;
 
+/** Diagnoses the units that were not yet, with a model of choice, at first the one `like` which others were. */
+function Diagnose({ params, like, again }) {
+  const { data, error } = useGet("/models");
+  const [chosen, choose] = useState("");
+  const job = useAct();
+  useEffect(() => job.result && again(), [job.result]);
+  const names = offered(data?.models ?? []).map(({ name }) => name);
+  const model = [chosen, like, "spline"].find((name) => names.includes(name)) ?? names[0];
+  return html`<div class="row"><label class="row">${t("workbench.model.title")} <select value=${model} onChange=${(event) => choose(event.target.value)}>
+      ${names.map((name) => html`<option key=${name} value=${name} selected=${name === model}>${name}</option>`)}</select></label>
+    <button type="button" disabled=${job.busy || !model} onClick=${() => job.act(`/fleet/lacks${query(params)}`, { model })}>${t("fleet.diagnose")}</button></div>
+    ${job.busy && html`<p class="soft small">${t("fleet.diagnosing")}</p>`}<${Going} job=${{ ...job, error: job.error ?? error }} />
+    ${job.result?.failed.length > 0 && html`<ul class="findings">${job.result.failed.map((text) => html`<li key=${text}><${Lamp} tone="warn"><${Said} text=${text} whole /><//></li>`)}</ul>`}`;
+}
+
 /** How many units of each lot lack which effect, as far as their newest runs were diagnosed with a model. */
-function Lacks({ params, cut }) {
+function Lacks({ params, of, cut }) {
   const [model, setModel] = useState("");
   const { data, error, again } = useGet(`/fleet/lacks${query({ ...params, model })}`);
   if (!data) return error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`;
-  if (!data.units) return html`<p class="soft">${t("fleet.no_lacks")}${sign(" ")}<code>bench fleet diagnose --model NAME</code></p>`;
+  const more = may("engineer") && data.units < of && html`<${Diagnose} key=${JSON.stringify(params)} params=${params} like=${data.model} again=${again} />`;
+  if (!data.units) return html`<p class="soft">${t("fleet.no_lacks")}</p>${more}`;
   const sum = (part, name, lots = data.lots) => lots.reduce((all, lot) => all + (lot[part][name] ?? 0), 0);
   const effects = [...new Set(data.lots.flatMap((lot) => Object.keys(lot.lacks)))].sort((one, other) => sum("lacks", other) - sum("lacks", one));
   const shown = data.lots.slice(0, MOST_LOTS);
@@ -155,7 +173,7 @@ function Lacks({ params, cut }) {
       <tbody>${effects.map((effect) => row(effectWord(effect), "lacks", effect))}
         ${WORDS.map((word) => row(outcomeWord(word), "verdicts", word))}
         <tr><th scope="row">${t("fleet.head.units")}</th><td class="n"><b>${data.units}</b></td>${shown.map(({ lot, units }) => html`<td key=${lot} class="n">${units}</td>`)}</tr></tbody></table></div>
-    <p class="soft small">${t("fleet.lacks_note")}</p>
+    <p class="soft small">${t("fleet.lacks_note")}</p>${more}
     ${data.lots.length > shown.length && html`<p class="soft small">${t("fleet.more", { n: data.lots.length - shown.length })}</p>`}
     ${data.in_common.map((one) => html`<p key=${`${one.lot} ${one.effect}`}><${Lamp} tone="warn">${t("fleet.in_common", { lot: lotName(one.lot, cut), effect: effectWord(one.effect), n: one.lacking, of: one.units, rest: one.elsewhere, of_rest: one.of_elsewhere, p: one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2) })}<//></p>`)}`;
 }
@@ -176,7 +194,7 @@ function Board({ fleet, params }) {
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
-    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} cut=${fleet.choices.cut} /></section>
+    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} of=${fleet.units} cut=${fleet.choices.cut} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }
