@@ -190,6 +190,15 @@ def test_a_noise_floor_above_the_error_is_said_to_be_an_upper_bound() -> None:
     assert limits == [EXPLAINED_RATIO, NEAREST_RATIO]  # of the terminal
 
 
+def test_models_of_the_ladder_that_begin_and_end_alike_have_unlike_names() -> None:
+    longer = "spline + thermal_lag + {}hysteresis + creep"
+    names = [longer.format(""), longer.format("aging + "), longer.format("aging + "), "spline"]
+    script = "console.log(JSON.stringify(page.shortened(given, 160)))"
+    plain, aged, again, short = told("pages/workbench/ladder.js", script, names)
+    assert (plain, aged, again) == ("…hysteresis + creep", "…aging + hy…esis + creep", aged)
+    assert short == "spline"
+
+
 @pytest.mark.parametrize(("over", "title"), [
     ("time", "time [h]"), ("dT_dt", "dT/dt [°C/min]"), ("quadrature", "quadrature [V]"),
 ])  # fmt: skip

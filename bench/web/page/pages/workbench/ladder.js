@@ -60,10 +60,27 @@ function gridStep(top) {
 
 const WIDE = /[\u2e80-\uffff]/;
 
-/** A name that fits into so many pixels, without its middle: both ends tell it from others. */
+/** A name that fits into so many pixels, without its middle. */
 function short(name, pixels) {
   const most = Math.floor(pixels / (WIDE.test(name) ? 12 : 6.6));
   return name.length > most ? `${name.slice(0, Math.ceil(most / 2) - 1)}…${name.slice(-Math.floor(most / 2))}` : name;
+}
+
+/** What two texts begin with, up to a space. */
+function sameBegin(one, other) {
+  let at = 0;
+  while (at < one.length && one[at] === other[at]) at += 1;
+  return one.slice(0, one.lastIndexOf(" ", at) + 1);
+}
+
+/** Names that fit into so many pixels each; those that would look alike without their middle are without what they begin with. */
+export function shortened(names, pixels) {
+  const unlike = [...new Set(names)];
+  return names.map((name) => {
+    const alike = unlike.filter((other) => short(other, pixels) === short(name, pixels));
+    const begin = alike.reduce(sameBegin);
+    return short(alike.length > 1 && begin ? `…${name.slice(begin.length)}` : name, pixels);
+  });
 }
 
 function Drawing({ rungs, shown, floor, refer }) {
@@ -78,6 +95,7 @@ function Drawing({ rungs, shown, floor, refer }) {
   const held = shown.map((rung, i) => [x(i), rung.heldOut]).filter(([, value]) => value !== null);
   const path = held.map(([at, value], i) => `${i ? "L" : "M"}${at.toFixed(1)},${y(value).toFixed(1)}`).join("");
   const room = (WIDTH - EDGE.left - EDGE.right) / slots + 2 * EDGE.right; // names stand in two rows, and reach over the edges
+  const names = shortened(shown.map((rung) => rung.label), room);
   const label = { fontSize: 12, fill: colours.soft };
   return html`<svg ref=${refer} class="wb-ladder" viewBox=${`0 0 ${WIDTH} ${HEIGHT}`} width=${WIDTH} height=${HEIGHT}
       xmlns="http://www.w3.org/2000/svg" font-family="system-ui, 'Segoe UI', 'Liberation Sans', sans-serif" aria-hidden="true">
@@ -93,7 +111,7 @@ function Drawing({ rungs, shown, floor, refer }) {
       ${rung.heldOut !== null && html`<circle cx=${x(i)} cy=${y(rung.heldOut)} r="5" fill=${colours.heldOut} />`}
       ${headline(rung) !== null && html`<text x=${x(i)} y=${Math.max(11, y(Math.max(rung.heldOut ?? 0, rung.inSample ?? 0)) - 13)} text-anchor="middle"
         font-size="12.5" font-weight="600" fill=${colours.ink} stroke=${colours.raised} stroke-width="4" paint-order="stroke" stroke-linejoin="round">${number(headline(rung))}</text>`}
-      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + (i % 2 ? 32 : 17)} text-anchor="middle" font-size="12">${short(rung.label, room)}<title>${rung.label}</title></text>
+      <text ...${label} x=${x(i)} y=${HEIGHT - EDGE.bottom + (i % 2 ? 32 : 17)} text-anchor="middle" font-size="12">${names[i]}<title>${rung.label}</title></text>
     </g>`)}
     ${floor !== null && html`<g>
       <line x1=${EDGE.left} x2=${WIDTH - EDGE.right} y1=${y(floor)} y2=${y(floor)} stroke=${colours.floor} stroke-width="2" stroke-dasharray="7 5" />
