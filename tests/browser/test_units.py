@@ -90,6 +90,19 @@ def test_a_trend_is_chosen_by_keyboard_and_drawn_with_its_limit(page):
     assert "noise_floor" in download.value.suggested_filename
 
 
+def test_a_figure_keeps_what_is_in_sight_when_it_speaks_another_language(page):
+    page.goto(f"/units/{UNIT}")
+    plot = page.locator(".st-plot")
+    plot.locator(".main-svg").first.wait_for()
+    plot.press("+")
+    seen = "(plot) => JSON.stringify(plot.layout.xaxis.range)"
+    until(lambda: plot.evaluate("(plot) => plot.layout.xaxis.autorange") is False)
+    before = plot.evaluate(seen)
+    page.locator(".bar select").select_option("uk")
+    plot.get_by_text("верхня межа").wait_for()
+    assert plot.evaluate(seen) == before
+
+
 def test_a_trend_is_over_the_readers_time_as_the_list_of_runs(page):
     page.goto(f"/units/{UNIT}")
     page.locator(".st-plot .main-svg").first.wait_for()

@@ -2,7 +2,7 @@
 //
 // Plotly is fetched as soon as there is a place for a figure, while its data are computed. A figure is updated by
 // Plotly.react, never recreated: a figure that is recreated loses its zoom and has leaked memory in the past.
-import { saveCsv, savePng, saveSvg } from "./download.js";
+import { savePng, saveSvg } from "./download.js";
 
 /** @type {[number, number]} */
 const EXPORT_SIZE = [1200, 700];
@@ -74,12 +74,11 @@ export function onTheme(change) {
   };
 }
 
-/** A drawn figure in `place` (an element). `onZoom(range|null)` gets the range of x after the user has zoomed, `onPoint({x, y})` what the mouse points at. */
+/** A drawn figure in `place` (an element). `tell("onZoom", range|null)` has the range of x after the user has zoomed, `"onPoint"` the point below the mouse, `"onPick"` one that was clicked. */
 export class Drawn {
-  constructor(place, onZoom = (_range) => {}, onPoint = (_point) => {}) {
+  constructor(place, tell) {
     this.place = place;
-    this.onZoom = onZoom;
-    this.onPoint = onPoint;
+    this.tell = tell;
     /** Where a line stands over all of x; null without one. */
     this.mark = null;
     this.figure = null;
@@ -112,7 +111,8 @@ export class Drawn {
     const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
     await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
     if (!this.listening) {
-      this.place.on("plotly_hover", ({ points }) => this.onPoint(points[0]));
+      this.place.on("plotly_hover", ({ points }) => this.tell("onPoint", points[0]));
+      this.place.on("plotly_click", ({ points }) => this.tell("onPick", points[0]));
       this.place.on("plotly_relayout", (change) => this.relayout(change));
       // Plotly would return to the last drawn range, which is the narrow one after finer data was fetched.
       this.place.on("plotly_doubleclick", () => this.reset());
@@ -131,13 +131,13 @@ export class Drawn {
       if (autorange) delete this.zoom[axis];
       else this.zoom[axis] = [...range];
     }
-    this.onZoom(this.zoom.xaxis ?? null);
+    this.tell("onZoom", this.zoom.xaxis ?? null);
   }
 
   /** Show the whole figure again. */
   reset() {
     this.zoom = {};
-    this.onZoom(null);
+    this.tell("onZoom", null);
     return this.paint();
   }
 
@@ -148,10 +148,11 @@ export class Drawn {
     const axis = this.place.layout?.xaxis;
     if (!axis?.range) return false;
     if (name === "0" || name === "Home") return this.reset(), true;
-    const [low, high] = axis.range.map(Number);
+    const { r2l: toNumber, l2r: fromNumber } = this.place._fullLayout.xaxis; // dates are texts in a range
+    const [low, high] = axis.range.map(toNumber);
     const step = KEY_STEP * (high - low);
     const moves = { ArrowLeft: [-step, -step], ArrowRight: [step, step], "+": [step, -step], "=": [step, -step], "-": [-step, step] };
-    const range = [low + moves[name][0], high + moves[name][1]];
+    const range = [low + moves[name][0], high + moves[name][1]].map(fromNumber);
     Plotly.relayout(this.place, { "xaxis.range": range, "xaxis.autorange": false });
     return true;
   }
@@ -179,5 +180,3 @@ export class Drawn {
     if (this.listening) Plotly?.purge(this.place);
   }
 }
-
-export { saveCsv };

@@ -4,10 +4,10 @@ import { haunted } from "./ghost.js";
 import { momentOf, placeOf, pointed } from "./moment.js";
 import { useJob } from "./session.js";
 import { quantity } from "./sentence.js";
-import { useStore } from "../../lib/store.js";
-import { language, symbols } from "../../lib/words.js";
+import { symbols } from "../../lib/words.js";
 import { caption, spoken } from "../../lib/spoken.js";
-import { Drawn, saveCsv } from "../../lib/figure.js";
+import { saveCsv } from "../../lib/download.js";
+import { useDrawn } from "../../lib/drawn.js";
 import { Said } from "../../lib/said.js";
 
 const KINDS = ["time", "temperature", "map", "loop", "axes", "allan", "channels"];
@@ -33,41 +33,20 @@ const pointsFor = (element) => WIDTHS.find((width) => width >= (element?.clientW
 
 /** A figure with its words, keys and files. `answer`: {figure, words, csv}; `job` computes it; `onZoom(range|null)`; `range` of x to begin with. */
 export function Picture({ answer, job = null, name, title, onZoom, onPoint = null, keep, range = null, mark = null }) {
-  const place = useRef(null);
-  const drawn = useRef(null);
-  const [failed, setFailed] = useState("");
-  const tell = useRef(onZoom);
-  tell.current = onZoom;
-  const point_ = useRef(onPoint);
-  point_.current = onPoint;
-  useLayoutEffect(() => {
-    drawn.current = new Drawn(place.current, (shown) => tell.current?.(shown), (point) => point_.current?.(point));
-    return () => drawn.current.end();
-  }, []);
-  const speech = useStore(language);
-  const shown = useRef(null);
-  useEffect(() => {
-    if (!answer) return;
-    drawn.current.show(spoken(answer.figure), keep || answer === shown.current, range, mark).then(() => setFailed(""), (error) => setFailed(error.message));
-    shown.current = answer;
-  }, [answer, mark, speech]);
-  const key = (event) => {
-    if (!event.ctrlKey && !event.metaKey && !event.altKey && drawn.current.key(event.key)) event.preventDefault();
-  };
-  const save = (kind) => drawn.current.save(kind, name).catch((error) => setFailed(error.message));
+  const { place, onKeyDown, failed, reset, save } = useDrawn(answer, (one) => spoken(one.figure), { onZoom, onPoint }, { keep, range, mark });
   const none = !answer;
   const running = Boolean(job?.running);
   return html`<figure class="wb-figure">
     <div class=${`wb-picture ${none ? "wb-none" : running ? "wb-busy" : ""}`} aria-busy=${running ? "true" : "false"}>
-      <div class="wb-plot" ref=${place} tabindex="0" role="group" aria-roledescription=${t("workbench.figure.role")} aria-label=${`${title}. ${t("workbench.figure.keys")}`} onKeyDown=${key}></div>
+      <div class="wb-plot" ref=${place} tabindex="0" role="group" aria-roledescription=${t("workbench.figure.role")} aria-label=${`${title}. ${t("workbench.figure.keys")}`} onKeyDown=${onKeyDown}></div>
       ${none && job && html`<div class="wb-veil"><${Waiting} job=${job}>${t("workbench.figure.waiting")}<//></div>`}
     </div>
     <figcaption>
       <p class="wb-words">${failed ? html`<span class="wb-bad"><${Said} text=${failed} /></span>` : answer ? caption(answer) : ""}</p>
       <p class="wb-tools">
-        <button type="button" class="narrow" disabled=${none} onClick=${() => drawn.current.reset()}>${t("workbench.figure.reset")}</button>
-        <button type="button" class="narrow" disabled=${none} onClick=${() => save("PNG")}>PNG</button>
-        <button type="button" class="narrow" disabled=${none} onClick=${() => save("SVG")}>SVG</button>
+        <button type="button" class="narrow" disabled=${none} onClick=${reset}>${t("workbench.figure.reset")}</button>
+        <button type="button" class="narrow" disabled=${none} onClick=${() => save("PNG", name)}>PNG</button>
+        <button type="button" class="narrow" disabled=${none} onClick=${() => save("SVG", name)}>SVG</button>
         ${answer?.csv && html`<button type="button" class="narrow" onClick=${() => saveCsv(name, answer.csv)}>CSV</button>`}
       </p>
     </figcaption>
