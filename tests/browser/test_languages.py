@@ -93,6 +93,11 @@ def test_the_check_before_a_run_and_before_a_calibration(page):
         assert english(page) == []
 
 
+def test_the_words_of_an_own_plan_stay_as_they_were_written(page):
+    page.goto(f"/start?unit={SLOW_UNIT}&station=unhurried")
+    page.get_by_text("Its first ramp begins after a minute; then it goes on for hours of bench time.").wait_for()
+
+
 def test_an_import_of_an_unclear_table_and_of_none(page, tmp_path):
     table, none = tmp_path / "a.csv", tmp_path / "b.csv"
     table.write_text("t,T,gyro\n" + "".join(f"{i},{20 + i / 50},{i % 7}\n" for i in range(500)))
@@ -114,6 +119,9 @@ def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
         page.goto(f"/live/{run}")
         page.locator(".log li.request").first.wait_for()
         page.locator(".log li.hold").first.wait_for()
+        page.set_viewport_size({"width": 683, "height": 1000})
+        tops = [page.locator(part).bounding_box()["y"] for part in ("aside .figures-grid", "aside .guards")]
+        assert tops[0] == pytest.approx(tops[1]), "the guards, which are long, stand beside the others"
         picture(page, f"languages-live-{pages.index(page)}", full_page=True)
         assert english(page) == []
     bench.end_runs()

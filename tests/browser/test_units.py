@@ -238,6 +238,20 @@ def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tm
     until(lambda: bad.name not in page.request.get("/api/v1/imports").text())
 
 
+LINES = """(one) => {
+  const range = document.createRange(), text = document.createTreeWalker(one, NodeFilter.SHOW_TEXT).nextNode();
+  const lines = new Map();
+  [...text.data].forEach((sign, at) => {
+    range.setStart(text, at);
+    range.setEnd(text, at + 1);
+    const top = range.getBoundingClientRect().top;
+    lines.set(top, (lines.get(top) ?? "") + sign);
+  });
+  return [...lines.values()].map((line) => line.replace(/[\\s\u200b]+/g, " ").trim()).filter(Boolean);
+}"""
+"""The text of an element, line by line."""
+
+
 @pytest.mark.parametrize("language", ["uk", "zh"])
 def test_the_pages_speak_other_languages(page, language):
     page.goto("/units")
@@ -245,6 +259,11 @@ def test_the_pages_speak_other_languages(page, language):
     page.get_by_role("heading", name={"uk": "Вироби", "zh": "产品"}[language]).wait_for()
     page.goto(f"/units/{UNIT}")
     page.get_by_text({"uk": "Чинне калібрування", "zh": "有效标定"}[language]).first.wait_for()
+    page.set_viewport_size({"width": 683, "height": 900})
+    day = page.locator(".st-tile b").first
+    assert day.evaluate(LINES)[-1] in {"19 лип. 2026 р.", "2026 р.", "7月19日", "2026年7月19日"}, (
+        "not broken within a part"
+    )
 
 
 @pytest.mark.parametrize("width", [683, 1280, 1920])

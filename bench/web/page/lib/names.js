@@ -14,6 +14,9 @@ export const ofPlans = (text, plans) =>
     return plan ? `${before}${planTitle(plan)}` : file;
   });
 
+/** Whether people wrote the plan: its words are theirs, in their language. */
+export const isOwn = (plan) => plan.shipped === false && !plan.proposed;
+
 /** Whether a plan is offered to who is signed in: what a diagnosis proposed is for engineers. */
 export const isOffered = (plan) => !plan.proposed || may("engineer");
 

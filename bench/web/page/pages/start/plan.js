@@ -3,7 +3,7 @@ import { html, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
 import { between, degrees, forecast, number, searched, t } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
-import { isOffered, planPurpose, planTitle } from "../../lib/names.js";
+import { isOffered, isOwn, planPurpose, planTitle } from "../../lib/names.js";
 
 const MOST = 24;
 
@@ -46,6 +46,6 @@ function PlanCard({ plan, choose }) {
     <strong>${planTitle(plan)}</strong>
     <${Curve} curve=${plan.curve} />
     <span class="facts figures"><b>${t("plan.takes", { time: forecast(plan.nominal_s) })}</b><span>${low === high ? degrees(low, 0) : between(number(low, 0), degrees(high, 0))}</span></span>
-    <span class="purpose soft"><${Said} text=${planPurpose(plan)} /></span>
+    <span class="purpose soft">${isOwn(plan) ? plan.summary : html`<${Said} text=${planPurpose(plan)} />`}</span>
   </button>`;
 }

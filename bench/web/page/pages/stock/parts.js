@@ -74,9 +74,9 @@ export function Spark({ values, lower, upper }) {
   </svg>`;
 }
 
-/** One number on a card: name, value and meaning. */
+/** One number on a card: name, value and meaning; a day may be broken between its parts. */
 export const Tile = ({ what, value, unit, more, tone }) => html`<div class=${`st-tile ${tone ? `tone-${tone}` : ""}`}>
-  <span class="what">${what}</span><b>${String(value).replaceAll("\u00a0", " ")} ${unit && value !== "–" && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
+  <span class="what">${what}</span><b>${String(value).replaceAll("\u00a0", " ").replace("年", "年\u200b")} ${unit && value !== "–" && html`<small>${unit}</small>`}</b>${more && html`<span class="more">${more}</span>`}
 </div>`;
 
 /** Shown without a registry: an explanation, and a button for users who may create one. */
