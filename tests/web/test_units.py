@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from bench.archive import Archive, runs
-from bench.archive.fleet import figures
+from bench.archive.fleet import figures, trends
 from bench.archive.fleet.board import harmless
 from bench.commands.registering import register
 from bench.record import DiagnosisRecord
@@ -92,6 +92,12 @@ def test_a_trend_goes_over_runs_with_its_limits(client):
     single = client.get(f"{API}/units/L0-0000/trends/residual_rms_dph").json()["figure"]
     assert single["layout"]["xaxis"]["range"] == ["2026-02-28T23:00:00+00:00", "2026-03-01T01:00:00+00:00"]
     assert client.get(f"{API}/units/{UNIT}/trends/nothing").status_code == 404
+
+
+def test_a_limit_is_named_beside_a_single_point():
+    point = {"created": "2026-03-01T00:00:00+00:00", "value": 0.4, "profile": "ramp", "run": "r"}
+    drawn = trends.figure({"unit": "deg/h", "lower": None, "upper": 0.5, "points": [point]})
+    assert [one["xanchor"] for one in drawn["layout"]["annotations"]] == ["right"]
 
 
 def test_a_certificate_opens_by_its_number_and_by_nothing_else(client):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any
@@ -104,7 +105,7 @@ def _clear(level: float, points: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     moments = [datetime.fromisoformat(point["created"]) for point in points]
     middle = min(moments) + (max(moments) - min(moments)) / 2
     away = [(moment > middle, abs(point["value"] - level)) for moment, point in zip(moments, points, strict=True)]
-    early, late = (min((apart for half, apart in away if half is wanted), default=0.0) for wanted in (False, True))
+    early, late = (min((apart for half, apart in away if half is wanted), default=math.inf) for wanted in (False, True))
     return {"x": 0, "xanchor": "left"} if early > late else {}
 
 
