@@ -325,6 +325,7 @@ def test_a_finding_names_a_plan_as_its_reader_knows_it() -> None:
     found = ["quick_check.yaml: is short", "S-1: plans/../mine.yaml:12: is short", "other.yaml:3: is short"]
     plans = [{"id": "quick_check", "title": "quick"}, {"id": "mine", "title": "My plan", "shipped": False}]
     said = spoken("lib/names.js", f"ofPlans && ((text) => page.ofPlans(text, {json.dumps(plans)}))", found, "en")
+    assert spoken("lib/names.js", "ofPlans && ((text) => page.ofPlans(text))", found, "en") == [said[0], *found[1:]]
     assert said == ["Quick verification, 5 to 45\u00a0°C: is short", "S-1: My plan: is short", "other.yaml:3: is short"]
 
 

@@ -1,16 +1,16 @@
 // Names of plans and runs for people.
 import { may } from "./store.js";
-import { moment, or, t } from "./words.js";
+import { known, moment, or, t } from "./words.js";
 
 /** The words of a plan that is as the bench ships it; another one, also of the same name, has its own. */
 const ofPlan = (plan, what, own) => (plan.shipped === false ? own : or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}${what}`, own));
 export const planTitle = (plan) => ofPlan(plan, "", plan.title);
 export const planPurpose = (plan) => ofPlan(plan, ".for", plan.summary);
 
-/** A finding about the file of one of these plans (`quick_check.yaml: …`), which people know by its name. */
-export const ofPlans = (text, plans) =>
+/** A finding about the file of one of these plans, or of a shipped one (`quick_check.yaml: …`), which people know by its name. */
+export const ofPlans = (text, plans = []) =>
   text.replace(/(^|: )(?:\S*\/)?([^\s/:]+)\.yaml(?::\d+)?(?=: )/, (file, before, id) => {
-    const plan = plans.find((one) => one.id === id);
+    const plan = plans.find((one) => one.id === id) ?? (known(`plan.${id}`) && { id });
     return plan ? `${before}${planTitle(plan)}` : file;
   });
 

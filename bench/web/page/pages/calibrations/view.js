@@ -11,6 +11,7 @@ import { Temperatures } from "../live/charts.js";
 import { Headline, Segments, Troubles } from "../live/run.js";
 import { operatorOf, OperatorField } from "../start/operator.js";
 import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
+import { ofPlans } from "../../lib/names.js";
 import { Said } from "../../lib/said.js";
 import { Signed } from "./signed.js";
 
@@ -95,7 +96,7 @@ function Step({ step, index, job }) {
     <span class=${`tone-${tone}`}>${step.state === "open" ? html`<span class="mark">${index + 1}</span>` : step.state === "begun" && job.state === "running" ? html`<span class="spinner"></span>` : html`<${Shape} tone=${tone} />`}</span>
     <div><h2>${t(`step.name.${step.name}`)} <small class="soft">${stepWord(step, job)}${took(step) && !passedOver(step) && ` · ${took(step)}`}</small></h2>
       ${step.sentence && !passedOver(step) && html`<p class="small">${said(step) || html`<${Said} text=${step.sentence} />`}</p>`}
-      ${step.facts?.warnings?.map((text) => html`<p key=${text} class="small warning"><${Said} text=${text} whole names=${[job.unit]} /></p>`)}
+      ${step.facts?.warnings?.map((text) => html`<p key=${text} class="small warning"><${Said} text=${ofPlans(text)} whole names=${[job.unit]} /></p>`)}
       ${ready && html`<p class="small">${step.name === "verify" ? html`<a href=${`/runs/${step.run}`}>${t("run.open")}</a>` : html`<a href=${`/workbench?run=${encodeURIComponent(step.run)}`}>${t("verdict.workbench")}</a>`}</p>`}
     </div></li>`;
 }
