@@ -340,6 +340,16 @@ def test_a_quantity_of_earlier_runs_only_has_no_mean(tmp_path):
     assert found["noise_floor_dph"] is None
 
 
+def test_of_too_few_units_for_a_chart_nothing_is_said_that_only_a_chart_could_show(tmp_path):
+    (limits := tmp_path / "limits.yaml").write_text(LIMITS)
+    for unit in ("A-1", "A-2"):
+        station(tmp_path / "out", unit, "one", 0.0, residual=0.1)
+    bench("registry", "rebuild", "--out", tmp_path / "out")
+    said = bench("fleet", "--limits", limits, "--out", tmp_path / "out").stdout
+    assert "All 2 judged units are within their limits; there are too few for a chart." in said
+    assert "no drift" not in said
+
+
 def test_imported_units_are_one_fleet_whatever_their_tables_were_called(tmp_path):
     root, limits = tmp_path / "reports", tmp_path / "limits.yaml"
     limits.write_text(LIMITS)

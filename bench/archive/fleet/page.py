@@ -63,6 +63,8 @@ def sentence(found: Statistics) -> str:
         parts.append(f"units beyond three sigma in {listed(found.beyond)}")
     if found.silent:
         return "There are too few units: none was judged against limits, and no quantity has a chart."
+    if not parts and not found.charted:
+        return f"All {found.passes.judged} judged units are within their limits; there are too few for a chart."
     text = "; ".join(parts) or "nothing needs attention: no drift, no shift, no odd unit, no value beyond three sigma"
     return f"{text[0].upper()}{text[1:]}."
 
@@ -81,9 +83,8 @@ def _verdict(found: Statistics) -> _Word:
         return _Word("bad", "Units outside their limits", sentence(found))
     if found.silent:
         return _Word("warn", "Cannot tell yet", sentence(found))
-    return (
-        _Word("good", "In control", sentence(found)) if found.quiet else _Word("warn", "Look at this", sentence(found))
-    )
+    good = _Word("good", "In control" if found.charted else "Within limits", sentence(found))
+    return good if found.quiet else _Word("warn", "Look at this", sentence(found))
 
 
 def _numbers(found: Statistics) -> Iterable[Headline]:

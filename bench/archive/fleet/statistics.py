@@ -115,9 +115,14 @@ class Statistics:
         return not (self.beyond or moved or self.shifts or self.odd or refused)
 
     @property
+    def charted(self) -> bool:
+        """Whether a quantity has enough units for a chart, without which nothing can be odd, beyond or drifting."""
+        return any(one.chart for one in self.measured)
+
+    @property
     def silent(self) -> bool:
         """Whether nothing could be found: no unit was judged, and there are too few for a chart."""
-        return not (self.passes.judged or any(one.chart for one in self.measured))
+        return not (self.passes.judged or self.charted)
 
 
 def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
