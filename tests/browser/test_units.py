@@ -1,6 +1,7 @@
 """Units, fleet and imports in a real browser: found, looked at, opened, imported; by mouse and by keyboard."""
 
 import json
+import re
 from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
@@ -88,6 +89,38 @@ def test_a_trend_is_chosen_by_keyboard_and_drawn_with_its_limit(page):
     with page.expect_download() as download:
         page.get_by_role("button", name="Save the figure as CSV").click()
     assert "noise_floor" in download.value.suggested_filename
+
+
+def test_the_calibration_of_a_unit_of_no_station_is_written_in_the_slot_that_is_chosen(page, visitors):
+    page.goto(f"/units/{UNIT}")
+    page.get_by_role("link", name="Deliver and check").first.click()
+    page.get_by_text(f"No station file has a unit {UNIT}: choose the slot").wait_for()
+    write = page.get_by_role("button", name="Write it into the unit")
+    assert write.is_disabled()
+    page.get_by_label("Station").select_option("Four units: Slot of SIM-0003")
+    sent = []
+
+    def refused(route):
+        sent.append(route.request.post_data_json)
+        route.fulfill(status=422, json={"detail": "in use"})
+
+    page.route("**/flash", refused)
+    visitors.of(page).forgives = re.compile("status of 422")
+    write.click()
+    page.get_by_text("in use").wait_for()
+    assert (sent[0]["station"], sent[0]["slot"]) == ("four_units", f"{UNIT}@SIM-0003")
+
+
+def test_a_run_that_is_done_and_judged_by_nothing_says_so(page):
+    def unjudged(route):
+        unit = route.fetch().json()
+        unit["runs"][0] |= {"judged": None, "verdict": None, "state": "done"}
+        route.fulfill(json=unit)
+
+    page.route(f"**/api/v1/units/{UNIT}?*", unjudged)
+    page.goto(f"/units/{UNIT}")
+    runs = page.locator("table").last.locator("tbody tr")
+    assert runs.first.locator("td").nth(2).inner_text() == "Done"
 
 
 def test_a_figure_keeps_what_is_in_sight_when_it_speaks_another_language(page):

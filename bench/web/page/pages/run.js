@@ -11,6 +11,7 @@ import { OperatorField, operatorOf } from "./start/operator.js";
 import { isOffered, limitsName, planName, planTitle, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
 import { Said } from "../lib/said.js";
+import { inSlot } from "../lib/units.js";
 
 /** A job of the server that a button asks for: {result, error, busy}, `act(path, body)`, and `cancel()`. */
 export function useAct() {
@@ -102,7 +103,7 @@ function Certificate({ path, run, again }) {
 /** Whether this is the calibration of a lot, or of a unit by its lot: its rows alone do not give it again. */
 const ofLot = (run) => run?.manifest.profile === "lot";
 
-/** Flash and verify: what moves equipment, at the station that has the unit. */
+/** Flash and verify: what moves equipment, at the station that has the unit; one that no station file has is in a slot that people choose. */
 function InTheUnit({ path, run }) {
   const { data: stations } = useGet("/stations");
   const { data: plans } = useGet("/plans");
@@ -111,8 +112,11 @@ function InTheUnit({ path, run }) {
   const [plan, setPlan] = useState("");
   const [limit, setLimit] = useState(/** @type {string | null} */ (null));
   const [state, setState] = useState(/** @type {{busy?: boolean, done?: boolean, error?: any}} */ ({}));
-  const there = (stations?.stations ?? []).filter((one) => one.units.includes(run.unit));
-  const station = place || (there.find((one) => one.title === run.manifest.station) ?? there[0])?.id;
+  const every = stations?.stations ?? [];
+  const known = every.filter((one) => one.units.includes(run.unit));
+  const places = known.length ? known.map((one) => ({ one, slot: run.unit })) : ofLot(run) ? [] : every.flatMap((one) => one.units.map((slot) => ({ one, slot })));
+  const there = place ? places[place] : known.length ? places.find(({ one }) => one.title === run.manifest.station) ?? places[0] : null;
+  const at = there && { station: there.one.id, ...(known.length ? {} : { slot: inSlot(run.unit, there.slot) }) };
   const own = plans?.plans.find((one) => one.name === run.manifest.profile);
   const others = (plans?.plans ?? []).filter((one) => !one.problem && isOffered(one) && one !== own && one.kind === (own?.kind ?? "temperature"));
   const chosen = plan || (others.find(({ id }) => id === own?.verification) ?? others[0])?.id;
@@ -125,24 +129,25 @@ function InTheUnit({ path, run }) {
       setState({ error });
     }
   };
-  const flash = () => begin(async () => ({ done: Boolean(await startAct(`${path}/flash`, { station, ...operatorOf() })) }));
+  const flash = () => begin(async () => ({ done: Boolean(await startAct(`${path}/flash`, { ...at, ...operatorOf() })) }));
   const verify = () => begin(async () => {
-    const live = await startRun(url`/units/${run.unit}/verification`, { station, plan: chosen, ...(within ? { limits: within } : {}), ...operatorOf() });
+    const live = await startRun(url`/units/${run.unit}/verification`, { ...at, plan: chosen, ...(within ? { limits: within } : {}), ...operatorOf() });
     navigate(live ? `/live/${live}` : "/calibrations");
     return {};
   });
   if (!may("operator")) return null;
   const options = (all, current) => all.map((one) => html`<option key=${one.id} value=${one.id} selected=${one.id === current}>${one.kind ? planTitle(one) : limitsName(one.id, one.title)}</option>`);
   return html`<${Part} name="unit">
-    ${stations && !station && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
-    ${station && html`<div class="run-fields">
-      <div class="field"><label for="run-station">${t("papers.station")}</label><select id="run-station" value=${station} onChange=${(event) => setPlace(event.target.value)}>${there.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === station} title=${title}>${stationName(title)}</option>`)}</select></div>
+    ${stations && !known.length && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
+    ${places.length > 0 && html`<div class="run-fields">
+      <div class="field"><label for="run-station">${t("papers.station")}</label><select id="run-station" onChange=${(event) => setPlace(event.target.value)}>${!known.length && html`<option value="" selected=${!there}></option>`}
+        ${places.map(({ one, slot }, i) => html`<option key=${i} value=${i} selected=${there === places[i]} title=${one.title}>${stationName(one.title)}${known.length ? "" : `${sign(": ")}${t("start.slot", { slot })}`}</option>`)}</select></div>
       <${OperatorField} /></div>
-      <p><button type="button" disabled=${state.busy} onClick=${flash}>${t("run.flash.do")}</button></p>
+      <p><button type="button" disabled=${state.busy || !at} onClick=${flash}>${t("run.flash.do")}</button></p>
       <div class="run-fields">
         <div class="field"><label for="run-plan">${t("run.verify.plan")}</label><select id="run-plan" value=${chosen} onChange=${(event) => setPlan(event.target.value)}>${options(others, chosen)}</select></div>
         <div class="field"><label for="run-limits">${t("ready.limits")}</label><select id="run-limits" value=${within} onChange=${(event) => setLimit(event.target.value)}><option value="" selected=${!within}>${t("ready.no_limits")}</option>${options(limits?.limits ?? [], within)}</select></div></div>
-      <p><button type="button" disabled=${state.busy} onClick=${verify}>${t("run.verify.do")}</button></p>`}
+      <p><button type="button" disabled=${state.busy || !at} onClick=${verify}>${t("run.verify.do")}</button></p>`}
     <div role="status">${state.busy && html`<${Busy}>${t("ready.starting_long")}<//>`}${state.done && html`<${Lamp} tone="good">${t("run.flash.done")}<//>`}</div>
     <${Trouble} error=${state.error} />
   <//>`;

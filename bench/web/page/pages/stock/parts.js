@@ -51,8 +51,9 @@ export const Verdict = ({ word }) => word && html`<${Lamp} tone=${toneOf(word)}>
 
 /** Result of a run: its verdict against limits, else that of the analysis, else its state. */
 export function Outcome({ run }) {
-  if (run.state && run.state !== "done") return html`<${Lamp} tone=${STATES[run.state] ?? "warn"}>${or(`units.state.${run.state}`, run.state)}<//>`;
-  return html`<${Verdict} word=${run.judged ?? run.verdict} />` ?? "–";
+  const word = run.judged ?? run.verdict;
+  if (run.state && (run.state !== "done" || !word)) return html`<${Lamp} tone=${STATES[run.state] ?? "warn"}>${or(`units.state.${run.state}`, run.state)}<//>`;
+  return html`<${Verdict} word=${word} />`;
 }
 
 /** A small chart in a table; limits dashed, the last value a dot. */
