@@ -229,6 +229,19 @@ def test_every_figure_is_drawn_with_words(page):
         page.locator(".wb-plot .main-svg").first.wait_for()
 
 
+def test_a_run_with_a_report_offers_the_model_that_the_report_is_of(page):
+    def reported(route):
+        run = route.fetch().json()
+        route.fulfill(json={**run, "diagnosis": {"model": "spline_lag_loop"}})
+
+    page.route("**/api/v1/runs/MYSTERY*/*", reported)
+    choose(page)
+    page.get_by_text("The report of this run is of another model, spline_lag_loop.").wait_for()
+    page.get_by_role("button", name="Take it").click()
+    page.get_by_text("The report of this run is of").wait_for(state="detached")
+    page.wait_for_url("**spline_lag_loop*")
+
+
 def test_a_zoom_by_keyboard_fetches_finer_data(page):
     held, free = [], []
     page.route("**/plotly*", lambda request: request.continue_() if free else held.append(request))

@@ -133,7 +133,7 @@ function Summary({ unit }) {
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
       more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
-    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${[t("units.tile.holds_more"), counts && runTitle(counts.run)].filter(Boolean).join("; ")} />
+    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${counts ? `${t("units.tile.holds_more")}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
     ${same && html`<${Left} trend=${error} points=${same} />`}
     <${Tile} what=${t("units.runs")} value=${unit.of.runs} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;

@@ -100,8 +100,11 @@ function useUndoKeys(act) {
   }, []);
 }
 
-/** `turned`: whether a rate table may have turned the unit; the model to begin with then gets a scale factor. */
-function Bench({ session, models, turned, whole }) {
+/** The report may find nothing missing where the model to begin with lacks an effect: it is of another one. */
+const Reported = ({ model, act }) => model && html`<p>${t("workbench.reported", { model: model.name })} <button type="button" class="narrow" onClick=${() => act({ type: "model", model: model.model })}>${t("workbench.reported.take")}</button></p>`;
+
+/** `turned`: whether a rate table may have turned the unit; the model to begin with then gets a scale factor. `reported`: name of the model of the run's report. */
+function Bench({ session, models, turned, whole, reported }) {
   const { runs, model, steps, act } = session;
   useUndoKeys(act);
   const turning = turned && same(model, START_MODEL);
@@ -141,6 +144,7 @@ function Bench({ session, models, turned, whole }) {
     <div class="wb-side">
       <div ref=${standing}><${Standing} session=${session} analysis=${analysis} floor=${floor} whole=${whole} /></div>
       ${!untold && html`<section class="wb-card" aria-labelledby="wb-missing-title"><h2 id="wb-missing-title">${t("workbench.diagnosis.title")}</h2>
+        ${steps.length === 1 && model.name !== reported && html`<${Reported} model=${models.known.find(({ name }) => name === reported)} act=${act} />`}
         <${Suspects} found=${found} failed=${once(diagnosis.failed)} waiting=${open ? analysis : diagnosis} busy=${analysis.running} picked=${picked?.id} onAdd=${add} onPicture=${pick} />
         ${!pictured.result && html`<${Waiting} job=${pictured}>${t("workbench.diagnosis.drawing")}<//>`}
         ${pictured.failed && html`<p class="wb-bad" role="alert"><${Said} text=${pictured.failed} /></p>`}
@@ -217,7 +221,7 @@ export function Page({ query = {} }) {
     ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
-    ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} whole=${outputs.length > 0 && first.calibration ? chosen[0].run : null} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
+    ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} whole=${outputs.length > 0 && first.calibration ? chosen[0].run : null} reported=${first?.diagnosis?.model} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
 }
 
