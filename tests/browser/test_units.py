@@ -299,6 +299,16 @@ def test_the_pages_speak_other_languages(page, language):
     )
 
 
+def test_what_leads_from_a_run_is_in_sight_on_half_a_window_in_the_longest_language(page):
+    page.set_viewport_size({"width": 683, "height": 900})
+    page.goto(f"/units/{UNIT}")
+    page.locator(".bar select").select_option("uk")
+    report = page.locator("table.lines").get_by_role("link", name="Звіт").first
+    report.wait_for()
+    box = report.bounding_box()
+    assert box["x"] + box["width"] < 683
+
+
 @pytest.mark.parametrize("width", [683, 1280, 1920])
 def test_the_limits_of_the_trends_are_in_sight(page, width):
     page.set_viewport_size({"width": width, "height": 900})
