@@ -112,6 +112,12 @@ def test_an_import_of_an_unclear_table_and_of_none(page, tmp_path):
 def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
     run = bench.run
     bench.moving(run)
+    half = visitors.come(bench.site.address, locale="uk", size={"width": 683, "height": 1000})
+    half.goto(f"/live/{run}")
+    half.get_by_role("button", name="Перервати").wait_for()
+    row, abort = (half.locator(part).bounding_box() for part in (".actions-row", ".actions-row > :last-child"))
+    assert abort["x"] + abort["width"] == pytest.approx(row["x"] + row["width"]), "at the end, also in a second row"
+    half.close()
     bench.client.post(f"/live/{run}/hold", json={}).raise_for_status()
     until(lambda: bench.get(f"/live/{run}").get("holding"))
     pages = [visitors.come(bench.site.address, locale=locale) for locale in ("uk", "zh")]

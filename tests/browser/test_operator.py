@@ -605,6 +605,8 @@ def test_a_serial_number_that_stands_in_two_slots_is_told_where_it_is_typed(site
     page.get_by_text("stands in two slots").wait_for(state="detached")
     page.locator("button.giant:enabled").wait_for()
     assert page.locator(".steps strong").first.inner_text() == "SIM-0001, SIM-0002, SIM-0003, SIM-0004"
+    lines = "(all) => all.map((one) => Math.round(one.offsetHeight / parseFloat(getComputedStyle(one).lineHeight)))"
+    assert page.locator(".steps strong span").evaluate_all(lines) == [1, 1, 1, 1], "none is broken at its hyphen"
 
 
 def test_an_abort_is_not_offered_any_more_when_the_pin_has_expired(tmp_path, project, visitors):

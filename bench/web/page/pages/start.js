@@ -123,7 +123,7 @@ export default function Start({ query }) {
 /** The questions and the answers; each answer can be changed. */
 function Steps({ now, step, station, plan, answer }) {
   const steps = [
-    ["unit", now.units.map(serialOf).join(", "), () => answer({ units: [], station: null })],
+    ["unit", now.units.length > 0 && now.units.map((unit, at) => html`<span key=${unit}>${serialOf(unit)}${at < now.units.length - 1 ? ", " : ""}</span>`), () => answer({ units: [], station: null })],
     ["plan", plan && planTitle(plan), () => answer({ plan: null, calibration: null, limits: null, models: null, anew: false })],
     ["ready", "", null],
   ];
