@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """
 import sys
 import drivers.canbus, can
@@ -20,9 +22,10 @@ def test_mf4_is_imported_by_who_reads_or_writes_such_a_log(tmp_path):
     assert said.splitlines() == ["False False", "[(288, b'abc')] True"]
 
 
-def test_the_page_is_served_without_what_only_computations_and_simulators_import():
-    wanted = "scipy.special", "scipy.optimize", "scipy.interpolate", "aiohttp", "pandas"
-    script = f"import sys, bench.web.server.app; print([name for name in {wanted} if name in sys.modules])"
+@pytest.mark.parametrize("part", ["app", "routes"])
+def test_the_page_and_its_api_begin_without_what_only_computations_import(part):
+    wanted = "scipy.special", "scipy.optimize", "scipy.interpolate", "scipy.linalg", "scipy.sparse", "aiohttp", "pandas"
+    script = f"import sys, bench.web.server.{part}; print([name for name in {wanted} if name in sys.modules])"
     said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
     assert said.strip() == "[]"
 

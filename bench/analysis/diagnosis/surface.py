@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.noise.estimate import Noise
@@ -125,5 +125,5 @@ def _variances(layout: Layout, cell: IntArray, noise: Noise) -> FloatArray:
     way = Whitener.of(noise.ratios(problem.interval_s), problem.time_s, problem.interval_s, problem.white)
     draws = way.colour(np.random.default_rng(0).standard_normal((len(cell), _DRAWS)))
     draws -= problem.base @ (np.linalg.pinv(problem.base, rcond=1e-10) @ draws)
-    average = sparse.csr_array((1.0 / np.bincount(cell)[cell], (cell, np.arange(len(cell)))))
+    average = scipy.sparse.csr_array((1.0 / np.bincount(cell)[cell], (cell, np.arange(len(cell)))))
     return np.asarray(noise.white_variance(problem.interval_s) * np.mean(np.asarray(average @ draws) ** 2, axis=1))

@@ -15,7 +15,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
+import scipy
 
 from bench.analysis.noise.whitening import Ratios, Recursion, Whitener
 from bench.base import FloatArray
@@ -247,7 +247,7 @@ def coordinates(white: FloatArray) -> FloatArray | None:
         lower = np.linalg.cholesky(gram / (norm * norm[:, None]))
     except np.linalg.LinAlgError:
         return None
-    inverse: FloatArray = dtrtri(lower.T)[0].T / norm
+    inverse: FloatArray = scipy.linalg.lapack.dtrtri(lower.T)[0].T / norm
     return inverse if float(np.diagonal(lower).min(initial=1.0)) ** 2 > _PLAIN else None
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs, dtrtri
+import scipy
 
 from bench.base import FloatArray
 
@@ -137,7 +137,9 @@ class Whitener:
         rows = self._blocks(columns)[:, states:]
         known = np.zeros((len(rows) + 1, states, rows.shape[2]))  # before each block
         np.matmul(self.transfer[:, :states, states:], rows, out=known[1:])  # from its rows alone
-        known = dtbtrs(self._band, known.reshape(-1, rows.shape[2]), uplo="L", diag="U")[0].reshape(known.shape)
+        known = scipy.linalg.lapack.dtbtrs(self._band, known.reshape(-1, rows.shape[2]), uplo="L", diag="U")[0].reshape(
+            known.shape
+        )
         white = self.transfer[:, states:, states:] @ rows
         white += self.transfer[:, states:, :states] @ known[:-1]
         return white.reshape(-1, rows.shape[2])[: self.rows]
@@ -230,7 +232,7 @@ class Recursion:
             known = seen @ carried
             lower = np.linalg.cholesky(own[:, block] - known @ seen.T)
             # A tenth of the work of a full inverse.
-            inverse[:, block] = inverted = np.array([dtrtri(one.T)[0].T for one in lower])
+            inverse[:, block] = inverted = np.array([scipy.linalg.lapack.dtrtri(one.T)[0].T for one in lower])
             told[:, block] = each = (pushed[:, block] - fade[:, None] * known.mT) @ inverted.mT
             carried = fade[:, None] * carried * fade + each @ each.mT
         transfer[:, :, states:, :states] = -(inverse @ self._seen)
