@@ -64,7 +64,7 @@ def sentence(found: Statistics) -> str:
     if found.silent:
         return "There are too few units: none was judged against limits, and no quantity has a chart."
     if not parts and not found.charted:
-        return f"All {found.passes.judged} judged units are within their limits; there are too few for a chart."
+        return "No judged unit is outside its limits; there are too few for a chart."
     text = "; ".join(parts) or "nothing needs attention: no drift, no shift, no odd unit, no value beyond three sigma"
     return f"{text[0].upper()}{text[1:]}."
 

@@ -22,7 +22,7 @@ const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 function Attention({ fleet }) {
   const { outside, unjudged, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
   if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
-  if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${fleet.quantities.some(({ signals }) => signals !== null) ? t("fleet.quiet") : t("fleet.quiet_few", { n: fleet.yield.judged })}<//></p></div>`;
+  if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${fleet.quantities.some(({ signals }) => signals !== null) ? t("fleet.quiet") : t("fleet.quiet_few")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
     unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html`${sign(" ")}${t("fleet.missing")}${sign(" ")}${listed(fleet.missing.map(quantityWord))}`}`],
