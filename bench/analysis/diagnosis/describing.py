@@ -51,7 +51,7 @@ _LIKE = (
     ("dead_zone(", "like a part with clearance, which acts only beyond it"),
     ("tanh(lag(", "like a part or a loop that reaches its limits"),
     ("play(total(", "like an integrator that runs into its limits"),
-    ("play(tanh((temperature", "like a change of phase or a magnet: it comes later than it goes"),
+    ("play(tanh((temperature", "like a change of phase or a magnet, which comes later than it goes"),
     ("lag(tanh((temperature", "like a change of state at one temperature that takes its time"),
     ("lag(above(temperature", "like what gives way above a temperature and recovers: softening, released gas"),
     ("/(1 + ((frequency", "like a mode of the package that the frequency of the drive meets"),

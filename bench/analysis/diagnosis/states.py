@@ -191,8 +191,8 @@ def _transition(ranges: Ranges) -> Block:
     tried = tuple((*one, share * span, late) for one in inner(low, high, 7) for share in (0.1, 0.25)
                   for late in (0.1, 0.3, 0.6))  # fmt: skip
     bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)), ("limit", (0.01, 0.95)))
-    return Block("play(tanh((temperature - {centre})/{width}), {limit})",
-                 "a change of state over a range of temperature, with hysteresis", "", bounds, tried, places=1)  # fmt: skip
+    words = "a change of state over a range of temperature, with hysteresis"
+    return Block("play(tanh((temperature - {centre})/{width}), {limit})", words, "", bounds, tried, places=1)
 
 
 def _warmed(ranges: Ranges) -> list[Block]:

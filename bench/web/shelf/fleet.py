@@ -222,7 +222,7 @@ def diagnose(
     return submit(request, "fleet", "bench.web.shelf.acting:fleet_diagnosed", inputs, lane="slow")
 
 
-@router.get("/fleet/charts/{name}")
+@router.get("/fleet/charts/{name}", responses=COUNTING)
 def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, chosen: Choice) -> FleetFigure:
     """The control chart of a quantity, or `distances` of all units from their lots."""
     _require(stock)
