@@ -42,6 +42,11 @@ def pytest_unconfigure():
         GUARD.communicate()
 
 
+def pytest_xdist_auto_num_workers(config):
+    """One worker more than processors (`-n auto`): many tests wait for another process or a browser."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_modifyitems(items):
     """Tests of the page in a browser carry the mark `browser`; they and slow ones have more time, on busy computers."""
     for item in items:
