@@ -218,13 +218,18 @@ def before_opening(
 
 
 def check_on(
-    profile: acquisition.Profile, station: acquisition.StationSettings, limits: analysis.Limits | None = None
+    profile: acquisition.Profile,
+    station: acquisition.StationSettings,
+    limits: analysis.Limits | None = None,
+    fitted: bool = True,
 ) -> Checked:
-    """A profile without errors, rehearsed on a station; `limits` are those that the run is to be judged by."""
+    """A profile without errors, rehearsed on a station; `limits` are those that the run is to be judged by, and
+    `fitted` says whether models are fitted to it.
+    """
     segments = acquisition.rehearse(profile, station)
     duration_s, recording = segments[-1].to_s, acquisition.recording_of(station, shutil.disk_usage(Path.cwd()).free)
     guarded = acquisition.guards_told(station.standing_guards())
-    about = acquisition.check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded)
+    about = acquisition.check_profile(profile, station.limits(), recording, lambda _: duration_s, guarded, fitted)
     findings = (*about, *acquisition.wire_findings(station, (), profile.guards), *_not_reached(profile, limits))
     return Checked(profile, station, segments, findings, round(duration_s * recording.bytes_per_s))
 

@@ -90,10 +90,11 @@ def check_profile(
     recording: Recording | None = None,
     plant_duration_s: Callable[[Profile], float] | None = None,
     guarded: str = "",
+    fitted: bool = True,
 ) -> tuple[Finding, ...]:
     """All findings, the worst first. `plant_duration_s` predicts the duration [s] better than the rate curves do.
 
-    `guarded` says which guards every run has.
+    `guarded` says which guards every run has; `fitted`: effects are to be told apart by it.
     """
     duration_s = plant_duration_s(profile) if plant_duration_s is not None else expected_duration_s(profile, limits)
     rules: tuple[Iterator[Finding], ...] = (
@@ -106,7 +107,7 @@ def check_profile(
         _attitudes(profile, limits),
         _ends(profile, limits),
         _repeats(profile),
-        _separates(profile),
+        _separates(profile) if fitted else iter(()),
         _soaks(profile),
         _record(profile, duration_s, recording or Recording()),
         (_find(profile, "info", text) for text in filter(None, [guarded])),

@@ -96,10 +96,10 @@ def check_order(order: Order) -> list[str]:
         )
     late: list[str] = []
     for name in order.profiles():
-        judged = limits if name == plan.profile else None
+        fitted = name == plan.profile
         profile = load_profile(order.document(name))
         acquisition.refuse_wrong(station, profile)
-        checked = acquisition.check_on(profile, station, judged)
+        checked = acquisition.check_on(profile, station, limits if fitted else None, fitted)
         refuse_errors(checked.findings)
         late += [segment.name for segment in checked.late]
         warnings += [f"{Path(name).name}: {finding.text}" for finding in checked.findings if finding.level == "warning"]
