@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks import outside_truths_last, outside_truths_later, outside_truths_newest
+from benchmarks import outside_truths_last, outside_truths_later, outside_truths_newest, outside_truths_ordinary
 from benchmarks.outside_world import Truth, World, follows, log_uniform
 
 
@@ -322,6 +322,7 @@ GROUPS = {
     **outside_truths_later.GROUPS,
     **outside_truths_last.GROUPS,
     **outside_truths_newest.GROUPS,
+    **outside_truths_ordinary.GROUPS,
 }
 """By when they were written."""
 TRUTHS: dict[str, Truth] = {truth.__name__: truth for group in GROUPS.values() for truth in group}

@@ -207,15 +207,26 @@ def transformed(case):
     at, changed, out = 20.0 + 12.0 * at, at < 0.0, np.empty(len(case))
     for second, value in enumerate(case):
         changed = np.where(changed, value > at - 5.0, value > at + 5.0)
-        out[second] = 1.5 * changed.mean()
+        out[second] = 2.0 * changed.mean()
     return out
+
+
+def diagnosed(quiet, hidden):
+    """The diagnosis of the unit with what a mechanism makes of its temperature added, with a check run."""
+    (run, still), check = quiet, cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
+
+    def with_it(record):
+        seconds = np.arange(record.time[0], record.time[-1] + 1.0)
+        added = np.interp(record.time, seconds, hidden(np.interp(seconds, record.time, record.channel("temperature"))))
+        return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
+
+    return diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "formula"),
     [
-        (transformed, r"k \* play\(tanh\(\(temperature - (1[5-9]|2[0-4])(\.\d*)?\)/\d+(\.\d+)?\), 0\.\d+\)"),
         (drawn_in, r"k \* above\(dT_dt\) \* exp\(-\(\(temperature - (9|1[01])\.\d*\)/1[3-7](\.\d*)?\)\*\*2\)"),
         (loosened, r"k \* dT_dt \* above\(temperature - (2[89]|3[0-2])(\.\d*)?\)"),
         (softened, r"k \* lag\(above\(temperature - 3\d(\.\d*)?\), (1[6-9]|2[0-4])\d\d(\.\d*)?\)"),
@@ -224,17 +235,18 @@ def transformed(case):
     ],
 )
 def test_what_a_mechanism_does_is_found_as_the_formula_that_it_is(quiet, hidden, formula):
-    run, still = quiet
-    check = cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
-
-    def with_it(record):
-        seconds = np.arange(record.time[0], record.time[-1] + 1.0)
-        added = np.interp(record.time, seconds, hidden(np.interp(seconds, record.time, record.channel("temperature"))))
-        return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
-
-    best = diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still).formulas[0]
+    best = diagnosed(quiet, hidden).formulas[0]
     assert re.fullmatch(formula, best.formula), best.formula
     assert best.proof.proved
+
+
+@pytest.mark.slow
+def test_one_formula_takes_the_place_of_several_effects_that_nothing_proves(quiet):
+    """A loop over a part of the range was two suspects, one of them a fault of the thermometer."""
+    answer = diagnosed(quiet, transformed)
+    formula = r"k \* play\(tanh\(\(temperature - (1[6-9]|2[0-4])(\.\d*)?\)/(1[5-9]|2\d)(\.\d+)?\), 0\.[12]\d+\)"
+    assert re.fullmatch(formula, answer.formulas[0].formula), answer.formulas[0].formula
+    assert answer.verdict == "unknown_effect"
 
 
 @pytest.mark.slow

@@ -218,8 +218,8 @@ class Diagnosis:
 
     @property
     def tied(self) -> bool:
-        """Whether the effect found stands although the best formula explains more, by less than a formula needs."""
-        return bool(self.formulas) and any(s.effect in self.formulas[0].equivalent for s in self.found)
+        """Whether the effects found stand, and these data cannot tell them from the best formula."""
+        return bool(self.formulas) and " + ".join(s.effect for s in self.found) in self.formulas[0].equivalent
 
     @property
     def added(self) -> str:

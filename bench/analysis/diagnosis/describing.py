@@ -88,7 +88,8 @@ _LIKE = (
 class Description:
     """Formulas, best first, and whether they explain the data better than the effects of the catalogue did.
 
-    Those that explain more than one effect does, and not enough to replace it, have its name among their equivalents.
+    One that explains more than an effect does, and not enough to replace it, or as much as several effects together,
+    has their names among its equivalents.
     """
 
     formulas: tuple[DescribedFormula, ...] = ()
@@ -138,17 +139,19 @@ class Describer:
         """Formulas that explain more than the effects that were found do, which leave no more than the noise.
 
         In the place of one effect a formula needs the evidence that any formula needs; with less it is told beside it.
+        One that explains as much as several effects is told beside them: one cause is likelier than several.
         """
         found = self._search(layout, explained.first.point, near=_gain(layout, explained) - FORMULA_EVIDENCE)
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
         named, more = self._named(layout, explained, plain, borne)
-        if not more:
-            return Description()
-        if len(explained.steps) > 1 or plain[0].total > named + FORMULA_EVIDENCE:
+        names = [step.name for step in explained.steps]
+        if more and (len(names) > 1 or plain[0].total > named + FORMULA_EVIDENCE):
             return Description(self._answer(layout, plain, borne), replaces=True)
+        if not more and not (len(names) > 1 and plain and plain[0].total > named - _chosen(explained)):
+            return Description()
         best = self._listed(layout, plain)[0]
-        return Description((replace(best, equivalent=(explained.steps[0].name, *best.equivalent)),))
+        return Description((replace(best, equivalent=(" + ".join(names), *best.equivalent)),))
 
     def _borne(self, layout: Layout, found: Sequence[FoundFormula], explained: Explanation) -> Borne:
         return Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
@@ -172,11 +175,12 @@ class Describer:
             return Description(instead, replaces=True)
         if not stuck and (fewer := self._fewer(layout, explained, beside, borne)):
             return Description(fewer, replaces=True)
-        # Of the effects of a short list none pays for having been searched; a formula does.
-        least = named - (FORMULA_EVIDENCE if stuck else TIE)
+        least = named - max(FORMULA_EVIDENCE * stuck, _chosen(explained))
         if not beside and plain and plain[0].total > least:
             # No better than the effects, and no worse: it stands for one that is not determined, or tells another part.
+            several = len(explained.steps) > 1
             more = explained.word == "unknown_effect" and self._says_more(plain[0].one, explained.layout)
+            more |= several and plain[0].borne > 0.0
             if stuck or more:
                 return Description(self._listed(layout, plain), replaces=stuck)
         names = tuple(step.name for step in explained.steps)
@@ -401,6 +405,11 @@ class Describer:
             contribution=layout.rows.scatter(contribution),
             residuals=scored.residuals,
         )
+
+
+def _chosen(explained: Explanation) -> float:
+    """What the effects would have to pay for having been chosen from a list, each of them, as a formula pays."""
+    return TIE * len(explained.steps)
 
 
 def _gain(layout: Layout, explained: Explanation) -> float:

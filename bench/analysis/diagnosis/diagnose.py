@@ -220,11 +220,11 @@ class _Case:
         if formulas and answer.verdict == "unknown_effect":
             answer = replace(answer, proved=explains(formulas[0], self._expected(floor_dph)))
         answer = replace(answer, formulas=formulas)
-        if answer.tied:
+        if answer.tied and len(answer.found) == 1:
             first, *others = answer.suspects
             first = replace(first, look_alikes=(*first.look_alikes, formulas[0].formula))
             answer = replace(answer, suspects=(first, *others))
-        elif formulas and formulas[0].proof.proved and answer.noise_finding == DRIFTS:
+        if formulas and not answer.tied and formulas[0].proof.proved and answer.noise_finding == DRIFTS:
             answer = replace(answer, noise_finding="")  # measured without the formula
         left = formulas[0].held_out_rms_dph if formulas and not answer.tied else improved.rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left))
