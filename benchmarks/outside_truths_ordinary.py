@@ -76,11 +76,16 @@ def play_that_narrows(w: World, rng: np.random.Generator) -> FloatArray:
 
 
 def slab(w: World, rng: np.random.Generator) -> FloatArray:
-    """The surface of a slab above its mean, heat diffusing through twelve layers."""
-    share = 144.0 * 0.405 / log_uniform(rng, 400, 1500)
+    """The surface of a slab above its mean."""
+    return surface_above_mean(w.case, log_uniform(rng, 400, 1500))
+
+
+def surface_above_mean(case: FloatArray, tau_s: float) -> FloatArray:
+    """Of a slab that heat diffuses through in twelve layers, `tau_s` its longest time constant."""
+    share = 144.0 * 0.405 / tau_s
     steps = max(1, int(np.ceil(share / 0.4)))
-    layers, above = np.full(12, w.case[0]), np.empty(len(w.case))
-    for second, surface in enumerate(w.case):
+    layers, above = np.full(12, case[0]), np.empty(len(case))
+    for second, surface in enumerate(case):
         for _ in range(steps):
             outer, inner = np.append(surface, layers[:-1]), np.append(layers[1:], layers[-1])
             layers = layers + share / steps * (outer - 2.0 * layers + inner)

@@ -25,6 +25,7 @@ from bench.analysis.thresholds import FORMULA_EVIDENCE
 from bench.base import InputError
 from bench.cli import main
 from benchmarks import cases, outside
+from benchmarks.outside_truths_ordinary import surface_above_mean
 from benchmarks.trials import MODEL
 
 
@@ -77,20 +78,9 @@ def test_an_effect_that_leaves_no_more_than_the_noise_does_not_hide_a_formula_th
     assert proposal.probability_before < proposal.probability_after
 
 
-def slab(world, rng):
-    """The surface of a slab above its mean, heat diffusing through twelve layers: about 18 minutes."""
-    share = 144.0 * 0.405 / 1060.0
-    layers, above = np.full(12, world.case[0]), np.empty(len(world.case))
-    for second, surface in enumerate(world.case):
-        outer, inner = np.append(surface, layers[:-1]), np.append(layers[1:], layers[-1])
-        layers = layers + share * (outer - 2.0 * layers + inner)
-        above[second] = surface - layers.mean()
-    return above
-
-
 @pytest.mark.slow
 def test_a_formula_that_explains_more_than_an_effect_is_told_beside_it_and_a_run_decides(monkeypatch):
-    monkeypatch.setitem(outside.TRUTHS, "slab", slab)
+    monkeypatch.setitem(outside.TRUTHS, "slab", lambda world, _: surface_above_mean(world.case, 1060.0))
     (run, check, _, still), _ = outside._unit(outside.Trial("slab", 1.0, 1))
     answer = diagnose([run], MODEL, check=[check], static=still)
     (found,), best = answer.found, answer.formulas[0]
