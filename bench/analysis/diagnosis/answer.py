@@ -219,7 +219,9 @@ class Diagnosis:
     @property
     def tied(self) -> bool:
         """Whether the effects found stand, and these data cannot tell them from the best formula."""
-        return bool(self.formulas) and " + ".join(s.effect for s in self.found) in self.formulas[0].equivalent
+        if not self.formulas or self.verdict == "unknown_effect":
+            return False
+        return " + ".join(s.effect for s in self.found) in self.formulas[0].equivalent
 
     @property
     def added(self) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.diagnosis.described import DescribedFormula
+from bench.analysis.diagnosis.evidence import Suspect
 from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
 from bench.analysis.diagnosis.held_out import Unseen, settled, unseen
@@ -145,13 +146,27 @@ class Describer:
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
         named, more = self._named(layout, explained, plain, borne)
-        names = [step.name for step in explained.steps]
-        if more and (len(names) > 1 or plain[0].total > named + FORMULA_EVIDENCE):
+        if more and (len(explained.steps) > 1 or plain[0].total > named + FORMULA_EVIDENCE):
             return Description(self._answer(layout, plain, borne), replaces=True)
-        if not more and not (len(names) > 1 and plain and plain[0].total > named - _chosen(explained)):
+        return self._tied(layout, explained, plain, named)
+
+    def _tied(self, layout: Layout, explained: Explanation, plain: Sequence[_Ranked], named: float) -> Description:
+        """The best formula that explains more than the effect found and is not the same, or as much as several."""
+        first, *others = explained.steps
+        unlike = [each for each in plain if others or not self._writes(layout, first.suspect, each)]
+        # Effects do not pay for having been chosen from a list, as a formula does: of several each would have to.
+        least = named - TIE * len(explained.steps) if others else named
+        if not unlike or unlike[0].total <= least:
             return Description()
-        best = self._listed(layout, plain)[0]
-        return Description((replace(best, equivalent=(" + ".join(names), *best.equivalent)),))
+        best = self._listed(layout, unlike)[0]
+        names = " + ".join(step.name for step in explained.steps)
+        return Description((replace(best, equivalent=(names, *best.equivalent)),))
+
+    def _writes(self, layout: Layout, suspect: Suspect, each: _Ranked) -> bool:
+        """Whether a formula is an effect in another way: beside the model these data cannot tell the two apart."""
+        way = self.lattice.way(each.one.point)
+        own = outside(orthonormal(way.apply(layout.problem.base)), way.apply(suspect.contribution))
+        return _alike(own, each.one.white)
 
     def _borne(self, layout: Layout, found: Sequence[FoundFormula], explained: Explanation) -> Borne:
         return Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
@@ -175,14 +190,14 @@ class Describer:
             return Description(instead, replaces=True)
         if not stuck and (fewer := self._fewer(layout, explained, beside, borne)):
             return Description(fewer, replaces=True)
-        least = named - max(FORMULA_EVIDENCE * stuck, _chosen(explained))
+        least = named - (FORMULA_EVIDENCE if stuck else TIE)
         if not beside and plain and plain[0].total > least:
             # No better than the effects, and no worse: it stands for one that is not determined, or tells another part.
-            several = len(explained.steps) > 1
             more = explained.word == "unknown_effect" and self._says_more(plain[0].one, explained.layout)
-            more |= several and plain[0].borne > 0.0
             if stuck or more:
                 return Description(self._listed(layout, plain), replaces=stuck)
+        if not beside:
+            return self._tied(layout, explained, plain, named)
         names = tuple(step.name for step in explained.steps)
         return Description(self._answer(explained.layout, beside, borne, names))
 
@@ -248,7 +263,7 @@ class Describer:
         ranked.sort(key=lambda each: -each.total)
         leaders: list[_Ranked] = []
         for each in ranked:
-            near = next((i for i, leader in enumerate(leaders) if _alike(leader.one, each.one)), None)
+            near = next((i for i, leader in enumerate(leaders) if _alike(leader.one.white, each.one.white)), None)
             if near is None:
                 leaders.append(each)
             elif each.one.formula != leaders[near].one.formula:
@@ -407,11 +422,6 @@ class Describer:
         )
 
 
-def _chosen(explained: Explanation) -> float:
-    """What the effects would have to pay for having been chosen from a list, each of them, as a formula pays."""
-    return TIE * len(explained.steps)
-
-
 def _gain(layout: Layout, explained: Explanation) -> float:
     """Evidence that the fitted runs have of all effects found together, beside the model alone."""
     more = explained.layout.problem.base.shape[1] - layout.problem.base.shape[1]
@@ -460,9 +470,8 @@ def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Pro
     return replace(proof, doubt="only another run can tell whether it repeats")
 
 
-def _alike(one: FoundFormula, other: FoundFormula) -> bool:
-    product = float(one.white @ other.white)
-    return product**2 > _ALIKE**2 * float(one.white @ one.white) * float(other.white @ other.white)
+def _alike(one: FloatArray, other: FloatArray) -> bool:
+    return float(one @ other) ** 2 > _ALIKE**2 * float(one @ one) * float(other @ other)
 
 
 def _physics(layout: Layout, one: FoundFormula) -> str:

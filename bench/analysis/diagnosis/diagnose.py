@@ -209,7 +209,9 @@ class _Case:
         )
         describer = Describer(self.lattice, check, floor_dph, seed, workers)
         formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
-        if formulas and (answer.verdict in {"adequate", "undecided"} or instead):
+        answer = replace(answer, formulas=formulas)
+        beside_one = answer.tied and len(answer.found) == 1
+        if formulas and (instead or (answer.verdict in {"adequate", "undecided"} and not beside_one)):
             near = [suspect for suspect in answer.found if suspect.proved] or answer.found
             nearest = answer.nearest or (near[0].effect if near else "")
             kept = tuple(
@@ -219,8 +221,7 @@ class _Case:
             answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
         if formulas and answer.verdict == "unknown_effect":
             answer = replace(answer, proved=explains(formulas[0], self._expected(floor_dph)))
-        answer = replace(answer, formulas=formulas)
-        if answer.tied and len(answer.found) == 1:
+        if beside_one:
             first, *others = answer.suspects
             first = replace(first, look_alikes=(*first.look_alikes, formulas[0].formula))
             answer = replace(answer, suspects=(first, *others))
