@@ -149,6 +149,20 @@ def test_a_calibration_that_is_running_is_not_one_that_start_goes_on_with(site, 
     assert not page.get_by_label("Begin again with the first step").count()
 
 
+def test_between_two_runs_the_live_page_says_which_calibration_is_at_work_and_leads_to_it(site, visitors):
+    address, out = site
+    page = visitors.come(address)
+    job = JobFile.create(out / "GX-8", "GX-8", "quick", "digest")
+    job.begin("fit")
+    with job.locked():
+        page.goto("/live")
+        item = page.get_by_role("listitem").filter(has_text="GX-8")
+        item.get_by_text("Quick whole calibration, 0 to 50 °C · Fit").wait_for()
+        assert item.get_by_role("link").get_attribute("href") == f"/calibrations/GX-8/{job.folder.name}"
+        assert not page.get_by_text("No live run").count()
+    page.get_by_role("heading", name="No live run").wait_for()
+
+
 @pytest.mark.slow
 def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page = visitors.come(bench.site.address, size=TABLET, touch=True)

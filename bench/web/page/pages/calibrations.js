@@ -1,6 +1,7 @@
 // Calibrations: what waits, what goes on, what is done; or one of them in full.
-import { html, useEffect, useState } from "../lib/preact.js";
-import { get, post, remove, url } from "../lib/api.js";
+import { html, useState } from "../lib/preact.js";
+import { post, remove, url } from "../lib/api.js";
+import { useLook } from "../lib/look.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
@@ -19,22 +20,12 @@ export default function Calibrations({ params }) {
 }
 
 function List() {
-  const [seen, setSeen] = useState(/** @type {{listed?: any, error?: Error}} */ ({}));
   const [round, setRound] = useState(0);
-  useEffect(() => {
-    let timer = 0;
-    let left = false;
-    const look = () => get("/calibrations").then((listed) => !left && setSeen({ listed }), (error) => !left && setSeen((now) => ({ ...now, error })))
-      .finally(() => (timer = left ? 0 : window.setTimeout(look, LOOK_MS)));
-    look();
-    return () => {
-      left = true;
-      clearTimeout(timer);
-    };
-  }, [round]);
-  const { listed, error } = seen;
+  const [problem, setProblem] = useState(null);
+  const { data: listed, error: unheard } = useLook("/calibrations", LOOK_MS, round);
+  const error = unheard ?? problem;
   if (!listed) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
-  const change = (asked) => asked.catch((problem) => setSeen((now) => ({ ...now, error: problem }))).then(() => setRound(round + 1));
+  const change = (asked) => asked.then(() => setProblem(null), setProblem).then(() => setRound(round + 1));
   const units = (start) => start.units.map(serialOf).join(", ") || start.station;
   const last = listed.waiting.length - 1;
   return html`<div class="page stack"><h1>${t("nav.calibrations")}</h1>

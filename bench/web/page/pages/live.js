@@ -2,14 +2,17 @@
 import { html, useEffect, useState } from "../lib/preact.js";
 import { get, url } from "../lib/api.js";
 import { traces, useLive } from "../lib/live.js";
+import { useLook } from "../lib/look.js";
 import { Busy, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { Trace } from "../lib/trace.js";
 import { t } from "../lib/words.js";
+import { planOf, stepNow } from "./calibrations/words.js";
 import { Temperatures } from "./live/charts.js";
 import { Headline, RunView, Segments } from "./live/run.js";
 
+const LOOK_MS = 2000;
 const isRun = (run, id) => run.run === id || run.runs?.includes(id);
 
 export default function Live({ params }) {
@@ -28,10 +31,18 @@ export default function Live({ params }) {
   return now.runs.length ? html`<${Several} runs=${now.runs} />` : html`<${Nothing} />`;
 }
 
-const Nothing = () => html`<div class="page empty">
-  <h1>${t("live.nothing")}</h1><p class="soft">${t("live.nothing_text")}</p>
-  ${may("operator") && html`<a class="button primary" href="/">${t("live.start_one")}</a>`}
-</div>`;
+/** Without a live run: the calibrations that are at work between two runs, or a way to begin one. */
+function Nothing() {
+  const { data, error } = useLook("/calibrations", LOOK_MS);
+  const jobs = data?.jobs.filter(({ state }) => state === "running") ?? [];
+  if (!data && !error) return html`<div class="page"><${Busy} /></div>`;
+  if (jobs.length) return html`<div class="page stack"><h1>${t("live.between")}</h1><p class="soft">${t("live.between_text")}</p>
+    <ul class="findings">${jobs.map((job) => html`<li key=${job.job}><${Busy}><a href=${`/calibrations/${job.job}`}><b class="mono">${job.unit}</b></a> <span>${[planOf(job.plan), stepNow(job)].filter(Boolean).join(" · ")}</span><//></li>`)}</ul></div>`;
+  return html`<div class="page empty">
+    <h1>${t("live.nothing")}</h1><p class="soft">${t("live.nothing_text")}</p>
+    ${may("operator") && html`<a class="button primary" href="/">${t("live.start_one")}</a>`}
+  </div>`;
+}
 
 /** The run is not in the stream: it has ended, is starting, or does not exist; the server reports which. */
 function Missing({ id, params }) {

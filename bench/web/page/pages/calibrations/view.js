@@ -1,7 +1,8 @@
 // One calibration: its steps with their states, the run that is live now, what a person has to decide, and its end.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
-import { get, post } from "../../lib/api.js";
+import { post } from "../../lib/api.js";
 import { traces, useLive } from "../../lib/live.js";
+import { useLook } from "../../lib/look.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../../lib/parts.js";
 import { may } from "../../lib/store.js";
 import { Trace } from "../../lib/trace.js";
@@ -19,25 +20,8 @@ const LOOK_MS = 1000;
 const STOPPED = ["interrupted", "failed"];
 const EMPTY = new Trace();
 
-/** The calibration as it stands, asked for again while it is shown. */
-function useJob(id) {
-  const [seen, setSeen] = useState(/** @type {{job?: any, error?: any}} */ ({}));
-  useEffect(() => {
-    let timer = 0;
-    let left = false;
-    const look = () => get(`/calibrations/${id}`).then((job) => !left && setSeen({ job }), (error) => !left && setSeen((now) => ({ ...now, error })))
-      .finally(() => (timer = left ? 0 : window.setTimeout(look, LOOK_MS)));
-    look();
-    return () => {
-      left = true;
-      clearTimeout(timer);
-    };
-  }, [id]);
-  return seen;
-}
-
 export function CalibrationView({ id }) {
-  const { job, error } = useJob(id);
+  const { data: job, error } = useLook(`/calibrations/${id}`, LOOK_MS);
   const run = useLive((now) => now.runs.find((one) => one.run === job?.live));
   const heading = useRef(null);
   const ended = job && ["ended", "held", "failed", "interrupted"].includes(job.state);

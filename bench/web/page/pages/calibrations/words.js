@@ -10,6 +10,9 @@ export const planOf = (plan) => or(`calibration.${plan}`, plan.replaceAll("_", "
 export const toneOf = ({ state, verdict }) => (state === "ended" ? verdictTone(verdict) : TONES[state]);
 export const stateWord = ({ state, verdict }) => (state === "ended" ? outcomeWord(verdict) : t(`job.state.${state}`));
 
+/** The step that is at work. */
+export const stepNow = ({ steps }) => steps.filter(({ state }) => state === "begun").map(({ name }) => t(`step.name.${name}`)).join(sign(", "));
+
 /** Whether the plan had no such step: it was passed over. */
 export const passedOver = (step) => step.cases.some(({ name, skipped }) => skipped && name === step.name);
 
