@@ -3,6 +3,7 @@
 import json
 import re
 from datetime import datetime, timedelta
+from itertools import pairwise
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -154,6 +155,24 @@ def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.locator(".main-svg").first.wait_for()
     page.locator(".st-attention").get_by_role("link", name="L0-0020").click()
     page.get_by_role("heading", name="L0-0020").wait_for()
+
+
+@pytest.mark.parametrize("width", [390, 683])
+def test_the_capability_of_a_fleet_is_in_sight_and_the_words_of_a_chart_stand_beside_its_curve(page, width):
+    page.set_viewport_size({"width": width, "height": 900})
+    page.goto("/fleet?q=L&limits=vibratory")
+    page.locator(".bar select").select_option("uk")
+    drawn = page.get_by_role("group", name="Випадкове блукання кута: 48 виробів")
+    drawn.get_by_text("центр").wait_for()
+    table = page.locator(".st-quantities")
+    assert table.evaluate("(one) => one.parentElement.scrollWidth - one.parentElement.clientWidth") <= 1
+    curve, whole = drawn.locator(".nsewdrag").first.bounding_box(), drawn.bounding_box()
+    words = [one.bounding_box() for one in drawn.locator(".annotation-text-g").all()]
+    assert len(words) >= 4
+    assert all(word["x"] >= curve["x"] + curve["width"] for word in words)
+    assert all(word["x"] + word["width"] <= whole["x"] + whole["width"] for word in words)
+    heights = sorted((word["y"], word["height"]) for word in words)
+    assert all(above + height <= below for (above, height), (below, _) in pairwise(heights))
 
 
 def test_a_point_of_a_chart_is_named_and_opens_its_run(page):

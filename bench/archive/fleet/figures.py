@@ -44,24 +44,20 @@ def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, floa
         dot_trace(number[marked], drawn.values[marked], "breaks a rule", VERMILION, size=8, opacity=1.0),
         line_trace(number[1:], drawn.ranges, "moving range", GREY, yaxis="y2", width=1.2),
     ]
-    levels = [level_line(drawn.centre, "centre", GREEN), level_line(drawn.range_limit, "limit", ORANGE)]
+    levels = [level_line(drawn.centre, "centre", GREEN), level_line(drawn.range_limit, "limit", ORANGE, yref="y2")]
     levels += [level_line(end, text, ORANGE) for end, text in ((low, "−3σ"), (high, "+3σ"))]
     inside = (drawn.values.min(), drawn.values.max(), low, high)
     for end, text in zip(limits, ("lower limit", "upper limit"), strict=True):
         # A limit far outside would flatten the curve; the table shows it.
         if end is not None and min(inside) - np.ptp(inside) < end < max(inside) + np.ptp(inside):
             levels.append(level_line(end, text, VERMILION))
-    shapes, labels = [], []
-    for i, (shape, label) in enumerate(levels):
-        where = {"yref": "y2"} if i == 1 else {}
-        shapes.append({**shape, **where})
-        labels.append({**label, **where})
     layout: dict[str, Any] = {
         "xaxis": axis(UNITS, anchor="y2"),
         "yaxis": axis(f"[{in_print(unit)}]", domain=[0.36, 1.0]),
         "yaxis2": axis("moving range", domain=[0.0, 0.28], anchor="x", rangemode="tozero"),
-        "shapes": shapes,
-        "annotations": labels,
+        "shapes": [shape for shape, _ in levels],
+        "annotations": [{**label, "xanchor": "left", "yanchor": "middle"} for _, label in levels],  # beside the curve
+        "margin": {"l": 70, "r": 90, "t": 40, "b": 55},
     }
     return plot(traces, layout, 460)
 

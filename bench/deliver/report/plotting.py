@@ -113,14 +113,14 @@ def dot_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any)
     return go.Scatter(x=plain(x[rows]), y=plain(y[rows]), name=name, mode="markers", marker=marker, **more)
 
 
-def level_line(value: float, text: str, colour: str = GREEN, **more: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+def level_line(value: float, text: str, colour: str, yref: str = "y") -> tuple[dict[str, Any], dict[str, Any]]:
     """Shape and label of a horizontal line across the whole axis."""
     shape = {
-        "type": "line", "xref": "x domain", "x0": 0, "x1": 1, "yref": "y", "y0": value, "y1": value,
-        "line": {"color": colour, "dash": "dash", "width": 1.5}, **more,
+        "type": "line", "xref": "x domain", "x0": 0, "x1": 1, "yref": yref, "y0": value, "y1": value,
+        "line": {"color": colour, "dash": "dash", "width": 1.5},
     }  # fmt: skip
     label = {
-        "xref": "x domain", "x": 1, "xanchor": "right", "yref": "y", "y": value, "yanchor": "bottom",
+        "xref": "x domain", "x": 1, "xanchor": "right", "yref": yref, "y": value, "yanchor": "bottom",
         "text": text, "showarrow": False, "font": {"color": colour, "size": 12},
     }  # fmt: skip
     return shape, label

@@ -62,14 +62,14 @@ function Capability({ fleet, chosen, choose }) {
     <thead><tr>${head.map((key, i) => html`<th key=${key} scope="col" class=${`${i ? "n" : ""} ${NARROW.includes(key) ? "" : "broad"}`}>${t(`fleet.head.${key}`)}</th>`)}</tr></thead>
     <tbody>${shown.map((one) => {
       const able = one.capability;
-      const limits = [one.lower !== null && `≥ ${asGiven(one.lower)}`, one.upper !== null && `≤ ${asGiven(one.upper)}`].filter(Boolean).join(", ");
+      const limits = [one.lower !== null && `≥\u00a0${asGiven(one.lower)}`, one.upper !== null && `≤\u00a0${asGiven(one.upper)}`].filter(Boolean).join(", ");
       return html`<tr key=${one.name} aria-current=${one.name === chosen ? "true" : undefined}>
         <th scope="row">${one.signals === null ? quantityWord(one.name) : html`<button type="button" aria-pressed=${one.name === chosen} onClick=${() => choose(one.name)}>${quantityWord(one.name)}</button>`}
           <span class="soft small"> ${symbols(one.unit)}</span></th>
         <td class="n broad">${one.units}</td>
         <td class="n broad">${one.signals === null ? "–" : one.signals ? html`<${Lamp} tone="warn">${one.signals}<//>` : "0"}</td>
         <td class="n broad">${sig(one.mean)}</td><td class="n">${limits || "–"}</td>
-        <td class="n broad">${able ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)} … ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
+        <td class="n broad">${able ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)}\u00a0… ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
         <td class="n">${able ? html`<${Lamp} tone=${one.capable ? "good" : "bad"}>${sig(able.ppk)}<//>` : "–"}</td>
         <td class="n">${able ? able.outside : "–"}</td></tr>`;
     })}</tbody></table></div>`}
