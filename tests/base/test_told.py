@@ -157,6 +157,9 @@ SAMPLES = [
      "fitted or checked against; use runs of the raw rate", "uk",
      "20261127T172726Z_ramp: виріб у цьому прогоні сам коригував свій вихід: це перевірка, за нею не можна ні будувати "
      "модель, ні перевіряти її; візьміть прогони з необробленим виходом"),
+    ("aborted by Rows (operator) from 127.0.0.1", "uk", "перервав Rows (оператор) з 127.0.0.1"),
+    ("aborted by rows and cooling (operator) from 127.0.0.1", "uk", "перервав rows and cooling (оператор) з 127.0.0.1"),
+    ("column 'cooling' for temperature does not exist", "uk", "стовпця 'cooling' для каналу «температура» немає"),
     ("like nothing that was ever said", "uk", None),
     ("the glove was lost", "uk", None),
 ]  # fmt: skip
@@ -167,6 +170,21 @@ def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, o
     script = "console.log(JSON.stringify(page.told(...given)))"
     assert language.told(english, spoken) == own
     assert page_modules.told("lib/told.js", script, [english, spoken]) == own  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(
+    ("written", "own"),
+    [
+        ("Simulated laboratory (certifies nothing)", "Лабораторія симуляції (нічого не засвідчує)"),
+        ("ramp to 60 at 1.5", "рампа до 60 зі швидкістю 1,5"),
+        ("ramp to cold at night", None),
+        ("rows and cooling", None),
+        ("Institute of rows, cooling", None),
+    ],
+)
+def test_what_people_wrote_is_not_translated_in_part(written: str, own: str | None) -> None:
+    script = "console.log(JSON.stringify(page.ofBench(given, 'uk')))"
+    assert page_modules.told("lib/told.js", script, written) == own  # type: ignore[no-untyped-call]
 
 
 @pytest.mark.parametrize("wrong", ["станці", "випробуван", r"\bза межами"], ids=["station", "run", "outside limits"])

@@ -211,7 +211,7 @@ def test_a_held_calibration_goes_on_only_with_a_reason_which_stands_in_it_with_t
         further = {"release": "seen  before", "operator": "Olena"}
         assert client.post(f"/api/v1/calibrations/{id_}/continue", json=further).status_code == 202
         released = until(lambda: client.get(f"/api/v1/calibrations/{id_}").json()["releases"])
-    assert released == ["Olena: seen before (static: an unknown effect)"]
+    assert released == [{"reason": "Olena: seen before", "held": "static: an unknown effect"}]
 
 
 def test_a_calibration_whose_plan_was_changed_does_not_go_on(settings):

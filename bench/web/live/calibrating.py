@@ -90,6 +90,13 @@ class StepNow(BaseModel):
     """Id of the run that it made."""
 
 
+class Release(BaseModel):
+    """A person let a held calibration go on: `reason` is theirs, `held` what it waited for."""
+
+    reason: str
+    held: str
+
+
 class Mate(BaseModel):
     """The calibration of another unit that was started together with this one, in short."""
 
@@ -122,7 +129,7 @@ class Job(BaseModel):
     """The newest start; null where its record is gone."""
     certificate: str | None
     """Number of its certificate."""
-    releases: list[str]
+    releases: list[Release]
     together: list[Mate]
     """All that were started together, this one as well; empty for one alone."""
 
@@ -319,7 +326,7 @@ def _told(folder: Path, request: Request) -> Job:
         live=None if live is None else live.runs[0],
         start=Start(**start) if start else None,
         certificate=str(facts["number"]) if printed and facts.get("number") else None,
-        releases=[f"{entry.reason} ({entry.held})" for entry in record.releases],
+        releases=[Release(reason=entry.reason, held=entry.held) for entry in record.releases],
         together=_together(record, known, here) if start else [],
     )
 

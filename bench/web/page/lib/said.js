@@ -58,3 +58,11 @@ export function Said({ text, whole = false, names = [] }) {
   if (!asked) fetchThem();
   return shown(known?.told(text, spoken), whole, names) ?? html`<span lang="en">${shown(english(text), whole, names)}</span>`;
 }
+
+/** A name or text that people may have written, then as they wrote it; one that the bench writes, too, in the reader's language. */
+export function Written({ text }) {
+  const known = useStore(sentences);
+  const spoken = useStore(language);
+  if (text && spoken !== "en" && !asked) fetchThem();
+  return text && (known?.ofBench(text, spoken) ?? signed(text));
+}

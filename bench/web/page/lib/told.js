@@ -68,3 +68,11 @@ function tell(text, column) {
 
 /** The text in a language; null where no sentence of it is known. */
 export const told = (text, spoken) => (spoken in rules.columns ? tell(text, rules.columns[spoken]) : null);
+
+const MEANT = new RegExp(`^(?:${rules.number}|${rules.measured}|${rules.bare})$`);
+
+/** The text in a language, where it is as a whole one that the bench writes, with nothing but numbers at its places; null for one that people wrote. */
+export function ofBench(text, spoken) {
+  const one = sentences.map(({ regex }) => text.match(regex)).find(Boolean);
+  return Object.hasOwn(known, text) || (one && Object.values(one.groups ?? {}).every((value) => MEANT.test(value))) ? told(text, spoken) : null;
+}

@@ -49,7 +49,7 @@ export function CalibrationView({ id }) {
         ${run && html`<section class="panel several-run" aria-label=${t("nav.live")}><${Headline} run=${run} link /><${Segments} run=${run} /><${Troubles} run=${run} />
           <${Temperatures} run=${run} trace=${traces.get(run.run) ?? EMPTY} /></section>`}
         ${!run && job.state === "running" && html`<${Busy}>${t("job.works")}<//>`}
-        ${job.releases.length > 0 && html`<section><h2>${t("job.releases")}</h2><ul>${job.releases.map((text) => html`<li key=${text}>${text}</li>`)}</ul></section>`}
+        ${job.releases.length > 0 && html`<section><h2>${t("job.releases")}</h2><ul>${job.releases.map(({ reason, held }) => html`<li key=${reason}>${reason}${sign(" (")}<${Said} text=${held} />${sign(")")}</li>`)}</ul></section>`}
       </div>
     </div>
     ${run && html`<${Actions} run=${run} />`}

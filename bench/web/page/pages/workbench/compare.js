@@ -4,7 +4,7 @@ import { Chooser } from "./chooser.js";
 import { Picture, linked } from "./pictures.js";
 import { useJob } from "./session.js";
 import { saveCsv } from "../../lib/download.js";
-import { Said } from "../../lib/said.js";
+import { Said, Written } from "../../lib/said.js";
 import { planTitle, stationName, limitsName } from "../../lib/names.js";
 import { quantityWord, sign, symbols } from "../../lib/words.js";
 
@@ -47,7 +47,7 @@ const HEADS = () => ({
 });
 const NAMES = {
   quantity: quantityWord, unit: symbols, counter: (name) => or(`loss.${name}`, name.replaceAll("_", " ")),
-  segment: (text) => html`<${Said} text=${text} />`, where: placed,
+  segment: (text) => html`<${Written} text=${text} />`, where: placed,
 };
 
 /** A place in a file of settings (`segments[0].to_degc`) in words, as far as the page has them. */

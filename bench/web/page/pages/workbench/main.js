@@ -15,7 +15,7 @@ import { timesFloor } from "../../lib/floor.js";
 import { Unknown } from "../../lib/parts.js";
 import { joined, sign } from "../../lib/words.js";
 import { Suspects, pictureOf } from "./suspects.js";
-import { Said } from "../../lib/said.js";
+import { Said, Written } from "../../lib/said.js";
 
 /** Body of an analysis of one model. */
 const analysisOf = (runs, model) => ({ ...runs, models: [model] });
@@ -45,7 +45,7 @@ function BySegment({ segments }) {
   if (!segments?.length) return null;
   const most = Math.max(1, ...segments.map((one) => one.floor_ratio ?? 0));
   return html`<details class="wb-segments"><summary>${t("workbench.ladder.segments")}</summary>
-    <ul>${segments.map((one, i) => html`<li key=${i}><span><${Said} text=${one.name} /></span>
+    <ul>${segments.map((one, i) => html`<li key=${i}><span><${Written} text=${one.name} /></span>
       <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (one.floor_ratio ?? 0)) / most}%` }}></span></span>
       <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
 }
