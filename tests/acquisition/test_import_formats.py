@@ -3,6 +3,7 @@
 import gzip
 import struct
 import zipfile
+from datetime import UTC, datetime
 from decimal import Decimal
 
 import can
@@ -168,6 +169,58 @@ def refusal_of_dbc(path, tmp_path):
     with pytest.raises(InputError) as caught:
         imported(path, dbc=write(tmp_path, "nonsense", "bad.dbc"))
     return str(caught.value)
+
+
+def written_tdms(path, begin):
+    timing = {"wf_start_offset": 0.0, "wf_increment": 60.0, "wf_start_time": begin.replace(tzinfo=None)}
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment([
+            nptdms.ChannelObject("log", name, TABLE[name].to_numpy(), {**timing, "unit_string": unit})
+            for name, unit in (("rate", "deg/h"), ("temperature", "degC"))
+        ])  # fmt: skip
+
+
+def written_mf4(path, begin):
+    asammdf = pytest.importorskip("asammdf")
+    with asammdf.MDF() as file:
+        file.start_time = begin
+        seconds = TABLE["time"].to_numpy(float)
+        pairs = (("rate", "deg/h"), ("temperature", "degC"))
+        file.append(
+            [asammdf.Signal(TABLE[name].to_numpy(float), seconds, name=name, unit=unit) for name, unit in pairs]
+        )
+        file.save(path)
+
+
+def written_parquet(path, begin):
+    moments = begin + pd.to_timedelta(TABLE["time"], "s")
+    named = {"rate": "rate [deg/h]", "temperature": "temperature [degC]"}
+    TABLE.rename(columns=named).assign(time=moments).to_parquet(path)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("write", [written_mf4, written_tdms, written_parquet], ids=lambda write: write.__name__[8:])
+def test_a_binary_log_keeps_its_first_moment_which_is_no_warning(tmp_path, write):
+    path = tmp_path / f"x.{write.__name__[8:]}"
+    write(path, datetime(2026, 11, 20, 23, 59, 50, tzinfo=UTC))
+    plan = imported(path)
+    begin = "'time' begins at 2026-11-20 23:59:50+00:00"
+    assert begin in plan.warnings
+    assert begin not in plan.doubts
+
+
+def test_a_log_of_a_clock_that_was_never_set_has_no_first_moment(tmp_path):
+    written_tdms(tmp_path / "x.tdms", datetime(1970, 1, 1, tzinfo=UTC))
+    assert not [text for text in imported(tmp_path / "x.tdms").warnings if "begins at" in text]
+
+
+@pytest.mark.parametrize(("since", "begins"), [(1_795_000_000, True), (1000, False)])
+def test_a_can_log_keeps_the_first_moment_of_its_frames(tmp_path, since, begins):
+    with can.Logger(str(tmp_path / "log.blf")) as log:
+        for k in range(5):
+            log.on_message_received(can.Message(since + k, 0x120, False, data=bytes(8)))
+    notes = read_table(tmp_path / "log.blf", DBC).notes
+    assert (f"'time' begins at {datetime.fromtimestamp(since, UTC).isoformat(' ')}" in notes) == begins
 
 
 @pytest.mark.filterwarnings("ignore")

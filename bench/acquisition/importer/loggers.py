@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import closing
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -66,6 +66,8 @@ def _read_tdms(path: Path, most_bytes: int) -> Table:
     """Every numeric channel, at the times that its waveform or its group's time channel states."""
     import nptdms
 
+    zeros: set[Any] = set()
+
     def signals() -> Iterator[tuple[str, Series, str]]:
         with nptdms.TdmsFile.open(path) as file:
             for group in file.groups():
@@ -76,14 +78,17 @@ def _read_tdms(path: Path, most_bytes: int) -> Table:
                     unit = str(channel.properties.get("unit_string", ""))
                     if "wf_increment" in channel.properties:
                         times = channel.time_track()
+                        zeros.add(channel.properties.get("wf_start_time"))
                     elif clock is not None:
                         stamps = clock[:]
+                        zeros.add(stamps[0])
                         times = (stamps - stamps[0]) / np.timedelta64(1, "s")
                     else:
                         times = np.arange(len(channel), dtype=np.float64)
+                        zeros.add(None)
                     yield f"{group.name}.{channel.name}", (np.asarray(times, np.float64), channel[:]), unit
 
-    return _joined(path, signals(), most_bytes)
+    return _joined(path, signals(), most_bytes, zeros)
 
 
 def _read_ulog(path: Path, most_bytes: int) -> Table:
@@ -127,7 +132,10 @@ def _read_hdf5(path: Path, most_bytes: int) -> Table:
         return Table(path, {n: item[:].astype(np.float64) for n, item in kept.items()}, units, notes=others)
 
 
-def _joined(path: Path, signals: Iterator[tuple[str, Series, str]], most_bytes: int) -> Table:
+def _joined(
+    path: Path, signals: Iterator[tuple[str, Series, str]], most_bytes: int, zeros: Collection[Any] = ()
+) -> Table:
+    """All `signals` in one table; `zeros`: the moments, UTC, from which their times count, None where there is none."""
     series, units = {}, {}
     for name, (times, values), unit in signals:
         series[name] = (times, np.asarray(values, np.float64))
@@ -135,7 +143,9 @@ def _joined(path: Path, signals: Iterator[tuple[str, Series, str]], most_bytes: 
             units[name] = unit
     if not series:
         raise InputError("holds no channels of numbers", path)
-    return on_one_time_base(path, series, units, most_bytes)
+    (zero,) = zeros if len(zeros) == 1 else (None,)
+    begin = zero if zero is None else np.datetime64(zero, "us").item().replace(tzinfo=UTC)
+    return on_one_time_base(path, series, units, most_bytes, begin)
 
 
 READERS: dict[str, tuple[str, Callable[[Path, int], Table]]] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 MOST_COLUMNS = 2000
 TIME = "time"
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_CLOCKS_SET = datetime(1990, 1, 1)
+"""A moment before it is of a logger whose clock was never set."""
 _COPIES = 3
 """A table in memory, what is made of it, and what reading takes."""
 
@@ -87,16 +91,25 @@ def table_of(frame: pd.DataFrame, name: str | Path = "DataFrame") -> Table:
     return table
 
 
+def _begin(name: str, moment: datetime) -> tuple[str, ...]:
+    """A note of the first moment of a record; none of a clock that was not set."""
+    known = moment.replace(tzinfo=None) > _CLOCKS_SET
+    return (f"'{name}' begins at {moment.isoformat(' ', 'seconds')}",) if known else ()
+
+
 def of_arrow(table: pa.Table, path: Path) -> Table:
     """Columns of numbers; times in seconds; columns of anything else are unread."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     columns, units = {}, {}
+    notes: tuple[str, ...] = ()
     unread: dict[str, tuple[str, int | None]] = {}
     for item in table.schema:
         values = table.column(item.name)
         if pa.types.is_timestamp(item.type):
+            first = pc.min(values.cast(pa.timestamp("us", item.type.tz), safe=False)).as_py()
+            notes += () if first is None else _begin(item.name, first)
             values = pc.divide(values.cast(pa.timestamp("ns")).cast(pa.int64()).cast(pa.float64(), safe=False), 1e9)
             units[item.name] = "s"
         elif pa.types.is_duration(item.type):
@@ -110,7 +123,7 @@ def of_arrow(table: pa.Table, path: Path) -> Table:
         columns[item.name] = values.cast(pa.float64(), safe=False).to_numpy()
         if item.metadata and b"unit" in item.metadata:
             units[item.name] = item.metadata[b"unit"].decode()
-    return Table(path, columns, units, unread=unread)
+    return Table(path, columns, units, notes=notes, unread=unread)
 
 
 Series = tuple[FloatArray, FloatArray]
@@ -118,9 +131,16 @@ Series = tuple[FloatArray, FloatArray]
 
 
 def on_one_time_base(
-    path: Path, signals: Mapping[str, Series], units: Mapping[str, str], most_bytes: int | None = None
+    path: Path,
+    signals: Mapping[str, Series],
+    units: Mapping[str, str],
+    most_bytes: int | None = None,
+    zero: datetime | None = None,
 ) -> Table:
-    """Signals with times of their own on the union of all times; NaN where a signal has no sample."""
+    """Signals with times of their own on the union of all times; NaN where a signal has no sample.
+
+    `zero` is the moment from which the times count, where the file has it.
+    """
     if not any(times.size for times, _ in signals.values()):
         raise InputError("holds no samples", path)
     time = last = np.array([])
@@ -133,4 +153,5 @@ def on_one_time_base(
     for name, (times, values) in signals.items():
         columns[name] = np.full(time.size, np.nan)
         columns[name][np.searchsorted(time, times)] = values
-    return Table(path, columns, {TIME: "s", **units})
+    notes = () if zero is None else _begin(TIME, zero + timedelta(seconds=float(time[0])))
+    return Table(path, columns, {TIME: "s", **units}, notes=notes)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bench.acquisition.importer.confines import memory_for
 from bench.acquisition.importer.loggers import READERS, read_log
-from bench.acquisition.importer.table import Series, Table, of_arrow, on_one_time_base, refuse_large
+from bench.acquisition.importer.table import EPOCH, Series, Table, of_arrow, on_one_time_base, refuse_large
 from bench.acquisition.importer.text import read_text_table
 from bench.base import InputError
 from drivers.errors import ConfigError
@@ -72,7 +73,10 @@ def _read_parquet(path: Path, most_bytes: int) -> Table:
         ) from None
     columns = {name: column for part in parts for name, column in part.columns.items()}
     units = {name: unit for part in parts for name, unit in part.units.items()}
-    return Table(path, columns, units, unread={n: reason for part in parts for n, reason in part.unread.items()})
+    notes = tuple(note for part in parts for note in part.notes)
+    return Table(
+        path, columns, units, notes=notes, unread={n: reason for part in parts for n, reason in part.unread.items()}
+    )
 
 
 def _read_mf4(path: Path, most_bytes: int) -> Table:
@@ -84,6 +88,7 @@ def _read_mf4(path: Path, most_bytes: int) -> Table:
     units: dict[str, str] = {}
     try:
         with MDF(path) as file:
+            zero = file.start_time
             values, rows = 0, 0
             for group in file.groups:
                 values += int(group.channel_group.cycles_nr) * len(group.channels)
@@ -101,7 +106,7 @@ def _read_mf4(path: Path, most_bytes: int) -> Table:
         raise InputError(
             f"not a readable MF4 file ({type(error).__name__}: {error}); copy or export it again", path
         ) from None
-    return on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes)
+    return on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes, zero)
 
 
 def _free_name(name: str, taken: Mapping[str, Series]) -> str:
@@ -130,10 +135,10 @@ def _read_can_log(path: Path, dbc: Path | str | None, most_bytes: int) -> Table:
             if len(at):  # a multiplexed signal is not in every frame, and may be in none
                 signals[name] = at, column
                 units[name] = message.signals[signal].unit
-    table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes)
+    table = on_one_time_base(path, signals, {name: unit for name, unit in units.items() if unit}, most_bytes, EPOCH)
     if others:
         notes.append(f"{others.total()} frames are not described by the DBC and are left out")
-    return Table(path, table.columns, table.units, notes=tuple(notes))
+    return replace(table, notes=(*table.notes, *notes))
 
 
 _Head = tuple[int, bool]
