@@ -316,6 +316,8 @@ def test_the_pages_speak_other_languages(page, language):
     assert day.evaluate(LINES)[-1] in {"19 лип. 2026 р.", "2026 р.", "7月19日", "2026年7月19日"}, (
         "not broken within a part"
     )
+    signs = "".join(page.locator(".st-tile .more").all_inner_texts())
+    assert ("；" in signs, "; " in signs) == (language == "zh", language == "uk"), "each language has its own signs"
 
 
 def test_what_leads_from_a_run_is_in_sight_on_half_a_window_in_the_longest_language(page):

@@ -122,7 +122,7 @@ function Left({ trend, points }) {
   const change = last.value - points[0].value;
   const outside = (trend.upper !== null && last.value > trend.upper) || (trend.lower !== null && last.value < trend.lower);
   const since = points.length < 2 ? t("units.tile.first") : t("units.tile.change", { change: `${change > 0 ? "+" : ""}${sig(change, 2)} ${symbols(trend.unit)}` });
-  return html`<${Tile} what=${quantityWord(trend.name)} value=${sig(last.value)} unit=${symbols(trend.unit)} tone=${outside ? "bad" : undefined} more=${`${runTitle(last.run)}; ${since}`} />`;
+  return html`<${Tile} what=${quantityWord(trend.name)} value=${sig(last.value)} unit=${symbols(trend.unit)} tone=${outside ? "bad" : undefined} more=${[runTitle(last.run), since].join(sign("; "))} />`;
 }
 
 function Summary({ unit }) {
@@ -132,8 +132,8 @@ function Summary({ unit }) {
   const same = error && (!counts || error.points.some(({ run }) => run === counts.run)) && alike(error, counts?.run);
   return html`<div class="st-tiles">
     <${Tile} what=${t("units.tile.counts")} value=${counts ? day(counts.created) : "–"} tone=${counts ? (counts.status === "in_unit" ? "good" : "warn") : "bad"}
-      more=${counts ? `${t(`units.status.${counts.status}`)}, ${age(counts.age_days)}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
-    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${counts ? `${t("units.tile.holds_more")}; ${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
+      more=${counts ? `${t(`units.status.${counts.status}`)}${sign(", ")}${age(counts.age_days)}${sign("; ")}${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
+    <${Tile} what=${t("units.tile.holds")} value=${counts?.validity.temperature ? `${number(counts.validity.temperature.from, 0)} … ${number(counts.validity.temperature.to, 0)}` : "–"} unit="°C" more=${counts ? `${t("units.tile.holds_more")}${sign("; ")}${runTitle(counts.run)}` : t("units.tile.no_calibration")} />
     ${same && html`<${Left} trend=${error} points=${same} />`}
     <${Tile} what=${t("units.runs")} value=${unit.of.runs} more=${last && t("units.tile.last", { when: moment(last.created) })} />
   </div>`;
