@@ -340,6 +340,17 @@ def test_the_limits_of_the_trends_are_in_sight(page, width):
     assert table.evaluate("(one) => one.scrollWidth - one.clientWidth") <= 1
 
 
+def test_the_columns_of_the_list_of_units_stand_below_their_heads_on_half_a_window(page):
+    page.set_viewport_size({"width": 683, "height": 900})
+    page.goto("/units")
+    page.locator("table a").first.wait_for()
+    ends = page.locator("table.lines tr").evaluate_all(
+        "(rows) => rows.map((row) => [...row.cells].filter((cell) => cell.offsetWidth).map((cell) => {"
+        " const box = cell.getBoundingClientRect(); return Math.round(box.right); }).at(1))"
+    )
+    assert len(set(ends)) == 1, "whatever stands before them"
+
+
 def test_a_long_history_is_drawn_in_parts(page):
     """A unit of 5000 runs took 12 s and 178,000 nodes, and its answer 6 MB."""
 
