@@ -675,6 +675,17 @@ def test_a_serial_number_that_no_unit_can_have_is_refused_before_anything_is_cho
     assert page.get_by_role("button", name="Slot of").count() == 0
 
 
+def test_a_unit_of_the_address_that_no_station_has_is_told_and_not_dropped(site, visitors):
+    page = visitors.come(site[0])
+    page.goto("/start?unit=NOPE-1&station=simulated&plan=quick")
+    page.get_by_text("No station has a unit NOPE-1").wait_for()
+    page.goto("/start?unit=SIM-0005&station=nowhere&plan=quick")
+    page.get_by_role("heading", name="Ready to start?").wait_for()
+    page.get_by_role("button", name="Change Unit").click()
+    page.get_by_role("heading", name="Which unit?").wait_for()
+    assert not page.get_by_text("No station has").count()
+
+
 def test_start_says_why_it_cannot(tmp_path, visitors):
     project = bench_project.made(tmp_path / "project")
     bare = project / "profiles" / "stations" / "bare.yaml"

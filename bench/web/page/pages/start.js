@@ -83,6 +83,7 @@ export default function Start({ query }) {
   const now = useStore(order);
   const who = useStore(session);
   const heading = useRef(null);
+  const [unanswered, setUnanswered] = useState(query.unit && !query.unit.includes(",") ? serialOf(query.unit) : "");
   const step = question(now);
   useBack();
   useUnpressed(heading);
@@ -98,6 +99,7 @@ export default function Start({ query }) {
   if (awaited && (given || step !== "unit")) return html`<div class="page">${awaited}</div>`;
   const answer = (more) => {
     const next = { ...now, ...more };
+    setUnanswered("");
     keep(next, question(next) === step ? "replaceState" : "pushState");
   };
   const station = choices.stations?.find((one) => one.id === now.station);
@@ -107,7 +109,7 @@ export default function Start({ query }) {
     <section class="question" aria-labelledby="question">
       <${Already} />
       <h1 id="question" tabindex="-1" ref=${heading}>${t(`start.${step}.question`)}</h1>
-      ${step === "unit" && html`<${UnitQuestion} stations=${choices.stations} last=${lastStation.get()} answer=${answer} />`}
+      ${step === "unit" && html`<${UnitQuestion} stations=${choices.stations} last=${lastStation.get()} given=${unanswered} answer=${answer} />`}
       ${awaited}
       ${step === "plan" && html`<${PlanQuestion} plans=${choices.plans} calibrations=${choices.calibrations} station=${station} answer=${answer} />`}
       ${step === "ready" && html`<${Ready} order=${now} answer=${answer} plan=${plan} plans=${choices.plans} station=${station} limits=${choices.limits}

@@ -16,15 +16,15 @@ export const whereIs = (stations, serial) =>
     return found ? [{ station, serial: found }] : [];
   });
 
-/** Asks for the unit; what is entered before the `stations` are there waits for them. */
-export function UnitQuestion({ stations, last, answer }) {
+/** Asks for the unit; what is entered before the `stations` are there, or was `given` by the address, waits for them. */
+export function UnitQuestion({ stations, last, given, answer }) {
   const [asked, setAsked] = useState(null);
   const [wrong, setWrong] = useState("");
   const [doubled, setDoubled] = useState({ serial: "", single: "" });
   const [chosen, setChosen] = useState("");
   const [long, setLong] = useState(false);
   const [filling, setFilling] = useState(null);
-  const [early, setEarly] = useState("");
+  const [early, setEarly] = useState(given);
   const sound = (stations ?? []).filter((station) => !station.problem);
   const take = (serial, meant = false) => {
     if (!stations) return setEarly(serial);
