@@ -153,10 +153,11 @@ class Describer:
     def _tied(self, layout: Layout, explained: Explanation, plain: Sequence[_Ranked], named: float) -> Description:
         """The best formula that explains more than the effect found and is not the same, or as much as several."""
         first, *others = explained.steps
-        unlike = [each for each in plain if others or not self._writes(layout, first.suspect, each)]
         # Effects do not pay for having been chosen from a list, as a formula does: of several each would have to.
         least = named - TIE * len(explained.steps) if others else named
-        if not unlike or unlike[0].total <= least:
+        ahead = [each for each in plain if each.total > least]
+        unlike = [each for each in ahead if others or not self._writes(layout, first.suspect, each)]
+        if not unlike:
             return Description()
         best = self._listed(layout, unlike)[0]
         names = " + ".join(step.name for step in explained.steps)
