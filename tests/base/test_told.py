@@ -169,7 +169,7 @@ SAMPLES = [
 def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, own: str | None) -> None:
     script = "console.log(JSON.stringify(page.told(...given)))"
     assert language.told(english, spoken) == own
-    assert page_modules.told("lib/told.js", script, [english, spoken]) == own  # type: ignore[no-untyped-call]
+    assert page_modules.told("lib/told.js", script, [english, spoken]) == own
 
 
 @pytest.mark.parametrize(
@@ -184,7 +184,7 @@ def test_the_command_line_and_the_page_say_the_same(english: str, spoken: str, o
 )
 def test_what_people_wrote_is_not_translated_in_part(written: str, own: str | None) -> None:
     script = "console.log(JSON.stringify(page.ofBench(given, 'uk')))"
-    assert page_modules.told("lib/told.js", script, written) == own  # type: ignore[no-untyped-call]
+    assert page_modules.told("lib/told.js", script, written) == own
 
 
 @pytest.mark.parametrize("wrong", ["станці", "випробуван", r"\bза межами"], ids=["station", "run", "outside limits"])

