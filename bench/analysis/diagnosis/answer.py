@@ -224,13 +224,18 @@ class Diagnosis:
         return " + ".join(s.effect for s in self.found) in self.formulas[0].equivalent
 
     @property
+    def leading(self) -> DescribedFormula | None:
+        """The best formula, where it is the answer and does not only stand beside the effects found."""
+        return self.formulas[0] if self.formulas and not self.tied else None
+
+    @property
     def added(self) -> str:
         """What `bench add` takes to make the model better: the best formula, else the effects found; empty without.
 
         Nothing that unseen data contradict, and no effect that is only the nearest to what is missing.
         """
-        if self.formulas and not self.tied:
-            return self.formulas[0].added if self.formulas[0].proof.falls is not False else ""
+        if self.leading is not None:
+            return self.leading.added if self.leading.proof.falls is not False else ""
         borne = [s.added for s in self.found if s.proof.falls is not False]
         return " ".join(borne) if self.verdict in {"missing_effect", "undecided"} else ""
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, isnan
 
 import numpy as np
 
-from bench.analysis.diagnosis.answer import SuspectedEffect, VerdictWord
+from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect, VerdictWord
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.verdict import Explanation
@@ -85,7 +85,35 @@ def _leaves_more(left_dph: float, floor_dph: float, residuals: Sequence[FloatArr
     return left_dph > NEAREST_RATIO * float(np.fmin(floor_dph, fitted_dph))
 
 
-def explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
+def with_formulas(
+    answer: Diagnosis, formulas: tuple[DescribedFormula, ...], floor_dph: float, *, instead: bool
+) -> Diagnosis:
+    """The answer with the formulas that were found: beside one effect, or as what is missing, if need be in the place
+    (`instead`) of the effects found.
+    """
+    answer = replace(answer, formulas=formulas)
+    if not formulas:
+        return answer
+    if answer.tied and len(answer.found) == 1:
+        first, *others = answer.suspects
+        first = replace(first, look_alikes=(*first.look_alikes, formulas[0].formula))
+        return replace(answer, suspects=(first, *others))
+    if instead or answer.verdict in {"adequate", "undecided"}:
+        near = [suspect for suspect in answer.found if suspect.proved] or answer.found
+        nearest = answer.nearest or (near[0].effect if near else "")
+        kept = tuple(
+            replace(one, found=one.found and (one.effect == nearest or one.proof.falls is not False))
+            for one in answer.suspects
+        )
+        answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
+    if answer.verdict == "unknown_effect":
+        answer = replace(answer, proved=_explains(formulas[0], floor_dph))
+    if answer.leading and answer.leading.proof.proved and answer.noise_finding == DRIFTS:
+        answer = replace(answer, noise_finding="")  # measured without the formula
+    return answer
+
+
+def _explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
     """Whether unseen data bear a formula out as what is missing; None where none could judge it."""
     proof = formula.proof
     return proof.proved and not _leaves_more(proof.after_dph, floor_dph, formula.residuals)

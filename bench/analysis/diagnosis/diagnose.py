@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.decision import DRIFTS, bound_notes, bound_only, decide, explains
+from bench.analysis.diagnosis.decision import DRIFTS, bound_notes, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
@@ -209,26 +209,9 @@ class _Case:
         )
         describer = Describer(self.lattice, check, floor_dph, seed, workers)
         formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
-        answer = replace(answer, formulas=formulas)
-        beside_one = answer.tied and len(answer.found) == 1
-        if formulas and (instead or (answer.verdict in {"adequate", "undecided"} and not beside_one)):
-            near = [suspect for suspect in answer.found if suspect.proved] or answer.found
-            nearest = answer.nearest or (near[0].effect if near else "")
-            kept = tuple(
-                replace(one, found=one.found and (one.effect == nearest or one.proof.falls is not False))
-                for one in answer.suspects
-            )
-            answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
-        if formulas and answer.verdict == "unknown_effect":
-            answer = replace(answer, proved=explains(formulas[0], self._expected(floor_dph)))
-        if beside_one:
-            first, *others = answer.suspects
-            first = replace(first, look_alikes=(*first.look_alikes, formulas[0].formula))
-            answer = replace(answer, suspects=(first, *others))
-        if formulas and not answer.tied and formulas[0].proof.proved and answer.noise_finding == DRIFTS:
-            answer = replace(answer, noise_finding="")  # measured without the formula
-        left = formulas[0].held_out_rms_dph if formulas and not answer.tied else improved.rms_dph
-        notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left))
+        answer = with_formulas(answer, formulas, self._expected(floor_dph), instead=instead)
+        left_dph = improved.rms_dph if answer.leading is None else answer.leading.held_out_rms_dph
+        notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left_dph))
         answer = replace(answer, notes=notes)
         apart_dph = base.apart_dph if _apart(base, self.fit.rms_dph) else np.nan
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why, apart_dph))

@@ -118,15 +118,15 @@ def next_experiment(
     everything else that was found. Where a proved formula stands in their place, it is the formulas that are open.
     What the `check` runs tell is known, too.
     """
-    leading = () if diagnosis.tied else diagnosis.formulas[:1]
-    described = any(formula.proof.proved and not formula.beside for formula in leading)
+    best = diagnosis.leading
+    described = best if best and best.proof.proved and not best.beside else None
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
     if open_ is None:
-        unknown = diagnosis.verdict == "unknown_effect" and (described or not diagnosis.found)
+        unknown = diagnosis.verdict == "unknown_effect" and (described is not None or not diagnosis.found)
         open_word = diagnosis.verdict == "undecided" or unknown
         try:
             if described and unknown:
-                return _between(diagnosis.formulas[0], (*runs, *check), static, limits)
+                return _between(described, (*runs, *check), static, limits)
             return _telling(diagnosis, limits or chamber_limits(runs), static) if open_word else None
         except InputError:  # no temperature, or one that stands still: nothing says what the chamber can do
             return None
