@@ -64,12 +64,10 @@ class Block:
             uneven = self.text.replace("lag(", "uneven_lag(", 1).replace("{tau_s})", "{tau_s}, {fall_s})")
             found.append(self._with("fall_s", dict(self.bounds)["tau_s"], tuple(t for (t,) in lags(length_s / 2.0, 2)),
                                     uneven, f"{self.words}, not the same up and down"))  # fmt: skip
-        memories = tuple(tau for (tau,) in lags(length_s / 2.0, 1))
         return [
             *found,
             *self.bent(),
-            self._with("memory_s", (20.0, max(length_s, 200.0)), memories, f"lag({self.text}, {{memory_s}})",
-                       f"the memory of {self.words}"),
+            self.memory(length_s),
             self._with("late_s", (0.0, min(3000.0, 0.2 * length_s)), tuple(0.02 * length_s * i for i in (0.2, 0.7, 2)),
                        f"delay({self.text}, {{late_s}})", f"{self.words}, late"),
             self._with("power", (0.2, 4.0), (0.5, 2.0, 3.0), f"sign({self.text}) * abs({self.text})**{{power}}",
@@ -77,6 +75,12 @@ class Block:
             self._with("power", (0.3, 4.0), (1.0, 2.0), f"abs({self.text})**{{power}}",
                        f"a power of the size of {self.words}"),
         ]  # fmt: skip
+
+    def memory(self, length_s: float, every: int = 1) -> Block:
+        """The memory of the block; `every` thins its grid."""
+        tried = tuple(tau for (tau,) in lags(length_s / 2.0, every))
+        text, words = f"lag({self.text}, {{memory_s}})", f"{_OF}{self.words}"
+        return self._with("memory_s", (20.0, max(length_s, 200.0)), tried, text, words)
 
     def bent(self) -> list[Block]:
         """The block through what is no straight line, if it has a size: limits, a dead zone, play."""

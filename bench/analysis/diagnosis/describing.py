@@ -444,12 +444,11 @@ def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:
 
 def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
     """The same, with the one first that check runs prove against all others: more evidence of the fitted runs may be
-    that of what happened in them alone. Of those that no evidence tells apart it is the one that leaves least there.
+    that of what happened in them alone.
     """
     if not ranked or ranked[0].scored.left.by != "check":
         return ranked
-    tied = [each for each in ranked if each.total > ranked[0].total - TIE]
-    best = min(tied, key=lambda each: each.scored.left.rms_dph)
+    best = ranked[0]
     for each in ranked:
         if each.borne > best.borne + TIE and prove(best.scored.left, each.scored.left).falls:
             best = each

@@ -323,17 +323,11 @@ class _Case:
 
 
 def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormula, ...]:
-    """The same, with the first that unseen data prove in front, unless the check runs, or without them much evidence of
-    the fitted runs, speak more for the best one.
-    """
-    borne = [
-        one
-        for one in formulas
-        if one.proof.proved is not False
-        and one.borne > formulas[0].borne - TIE
-        and (one.proof.by == "check" or one.evidence > formulas[0].evidence - FORMULA_EVIDENCE)
-    ]
-    return (*borne[:1], *(one for one in formulas if one not in borne[:1]))
+    """The same, with the first that unseen data prove in front, of those that no evidence tells from the best one."""
+    known = [one.evidence + one.borne for one in formulas]
+    tied = (one for one, evidence in zip(formulas, known, strict=True) if evidence > known[0] - TIE)
+    first = next((one for one in tied if one.proof.proved is not False), None)
+    return formulas if first is None else (first, *(one for one in formulas if one is not first))
 
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:

@@ -36,6 +36,7 @@ _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
 _LOOKED_AT = 1000  # best entries of the grid
 _SHARING = 6  # leaders that may have the same block
+_REFINED = 6.0  # evidence that the refinement of a parameter adds, where it adds any
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
 _NULLS = 60
 _ABOUT = 400  # parameters tried about those of a formula that jumps,
@@ -93,7 +94,9 @@ class FormulaSearch:
         rough = scan.base[0] - scan.values[:, 0] - paid
         if not rough.max() > near - _NEAR:
             return ()
-        leaders = self._leaders(rough, scan, formulas)
+        # The grid shows the less of a formula, the more parameters are to be refined.
+        open_ = np.array([len(formula.parameters) for formula in formulas])
+        leaders = self._leaders(rough + _REFINED * open_[scan.which], scan, formulas)
         # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
         alone = {one.blocks[0].text: index for index, one in enumerate(singles)}
         parts = [block.text for index in leaders[:_GROWN] for block in formulas[index].blocks]

@@ -41,6 +41,8 @@ class Grammar:
         drivers = self.drivers()
         bent = [bent for block in drivers for bent in block.bent()]
         bent += [block.squared() for block in drivers if block.most and block.bounds]
+        # Of what begins somewhere little may be seen at once that lasts.
+        bent += [block.memory(self.ranges.length_s, every=2) for block in drivers if block.places]
         alone = [Formula((block,)) for block in (*drivers, *bent, *states(self.ranges), *self.bends(), *self._fanned())]
         lines = [Formula((block,), pair=True) for block in self.lines()]
         # Up and down the same way its rate of change leaves nothing of the sine alone, which could grow to it.
@@ -64,7 +66,12 @@ class Grammar:
                     formula = Formula((driver, modifier))
                     key = "*".join(sorted((driver.text, modifier.text)))
                     found.setdefault(key, formula)
-        return list(found.values())
+        # What acts at once at a place in a temperature that lags: of the same without the lag little may be seen.
+        at_once = {"dT_dt", *self.ranges.switched, *(self._gap(name).text for name in self.ranges.apart)}
+        at_once |= {self._centred(name).text for name in self.ranges.moved}
+        places = [block.looser for block in modifiers if block.looser and "lag(temperature" in block.looser.text]
+        late = [Formula((driver, place)) for driver in self.drivers() if driver.text in at_once for place in places]
+        return [*found.values(), *late]
 
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """A formula with one block or parameter more, and the parameters to try: those of other blocks stay."""
@@ -125,6 +132,7 @@ class Grammar:
             *_ONE_WAY,
             replace(lagged("dT_dt", "dT/dt", "degC/min", self.ranges.length_s), most=self.ranges.fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
+            lagged("direction", "the direction of change", "", self.ranges.length_s),
             loop("temperature", self.ranges.temperature, "degC"),
         ]
         for name in self.ranges.apart:

@@ -37,6 +37,8 @@ def states(ranges: Ranges) -> list[Block]:
         *_relaxing(ranges),
         _uneven(ranges),
         _spreading(ranges),
+        _opposed(ranges),
+        _shaken(ranges),
         _turned(ranges, "temperature", "temperature"),
         _transition(ranges),
         *_warmed(ranges),
@@ -127,6 +129,26 @@ def _spreading(ranges: Ranges) -> Block:
     """What two parts that follow the rate of change one after the other are apart."""
     return Block("(dT_dt - lag(dT_dt, {tau_s}))", "the change of dT/dt in the last while", "degC/min",
                  (("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0))),), lags(ranges.length_s / 4.0, 1))  # fmt: skip
+
+
+def _opposed(ranges: Ranges) -> Block:
+    """Two parts that follow the temperature, one against the other: each alone may leave next to nothing."""
+    times = [tau for (tau,) in lags(ranges.length_s, 1)]
+    tried = tuple(
+        (fast, share, slow) for n, fast in enumerate(times) for slow in times[n + 2 :] for share in (0.3, 0.8)
+    )
+    ends = (20.0, max(ranges.length_s, 200.0))
+    fast, slow = ("(temperature - lag(temperature, {" + name + "}))" for name in ("tau_s", "slow_s"))
+    return Block(f"({fast} - {{share}} * {slow})", "two parts that follow the temperature, one against the other",
+                 "degC", (("tau_s", ends), ("share", (-1.0, 1.5)), ("slow_s", ends)), tried)  # fmt: skip
+
+
+def _shaken(ranges: Ranges) -> Block:
+    """What each change of the rate of temperature leaves for a while, up or down."""
+    ends = (("rise_s", (20.0, 1000.0)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    tried = tuple((60.0, *tau) for tau in lags(ranges.length_s / 2.0, 1))
+    return Block("lag(abs(dT_dt - lag(dT_dt, {rise_s})), {tau_s})", "the memory of each change of dT/dt", "degC/min",
+                 ends, tried)  # fmt: skip
 
 
 def _fading(ranges: Ranges) -> list[Block]:
