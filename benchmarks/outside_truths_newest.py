@@ -117,6 +117,130 @@ def pump_of_the_room(w: World, rng: np.random.Generator) -> FloatArray:
     return np.asarray(runs / (1.0 + np.exp((foot - rng.uniform(-5.0, 25.0)) / 6.0)))
 
 
+def charge_by_warming(w: World, rng: np.random.Generator) -> FloatArray:
+    """A pyroelectric crystal is charged by each change of temperature; it leaks the faster, the warmer it is."""
+    tau_s, warm, charge, out = log_uniform(rng, 300, 3000), rng.uniform(15.0, 40.0), 0.0, np.empty(len(w.case))
+    last = float(w.case[0])
+    for second, case in enumerate(w.case.tolist()):
+        charge += (case - last) - charge * np.exp((case - 25.0) / warm) / tau_s
+        out[second], last = charge, case
+    return out
+
+
+def getter(w: World, rng: np.random.Generator) -> FloatArray:
+    """Walls give off gas by an exponential of the temperature, and a getter takes it up."""
+    tau_s, warm, gas, out = log_uniform(rng, 1000, 8000), rng.uniform(12.0, 30.0), 0.0, np.empty(len(w.case))
+    for second, case in enumerate(w.case.tolist()):
+        gas += (np.exp((case - 60.0) / warm) - gas) / tau_s
+        out[second] = gas
+    return out
+
+
+def bowed_housing(w: World, rng: np.random.Generator) -> FloatArray:
+    """Lid and base of a housing follow air and case; what they are apart bows it, more than in proportion."""
+    apart = follows(w.air, log_uniform(rng, 100, 600)) - follows(w.case, log_uniform(rng, 30, 200))
+    return np.asarray(apart * np.abs(apart))
+
+
+def lid_that_snaps_flat(w: World, rng: np.random.Generator) -> FloatArray:
+    """A lid over warm gas bulges one way or the other from the pressure at which it is flat."""
+    gas = follows(w.case, log_uniform(rng, 100, 800))
+    return np.asarray(np.abs(gas - rng.uniform(0.0, 50.0)))
+
+
+def dirty_contact(w: World, rng: np.random.Generator) -> FloatArray:
+    """A contact is worn by warming, cleans itself by cooling at half the speed, and forgets."""
+    tau_s, worn, out, last = log_uniform(rng, 600, 4000), 0.0, np.empty(len(w.case)), float(w.case[0])
+    for second, case in enumerate(w.case.tolist()):
+        worn += max(case - last, 0.0) - 0.5 * max(last - case, 0.0) - worn / tau_s
+        out[second], last = worn, case
+    return out
+
+
+def fan_by_demand(w: World, rng: np.random.Generator) -> FloatArray:
+    """The chamber's fan turns the faster, the faster its air changes; a cold mount passes the shaking on."""
+    speed = follows(np.abs(_per_minute(w.air)), log_uniform(rng, 20, 200))
+    return np.asarray(speed * np.exp(-(w.case - 25.0) / rng.uniform(20.0, 60.0)))
+
+
+def drop_out(w: World, rng: np.random.Generator) -> FloatArray:
+    """A regulator runs out of headroom below a supply, and pulls the frequency's reference."""
+    low, high = w.constant(float(w.supply.min())), w.constant(float(w.supply.max()))
+    middle = w.constant(float(np.mean(w.frequency)))
+    short = np.maximum(low + rng.uniform(0.3, 0.7) * (high - low) - w.supply, 0.0)
+    return np.asarray(short * (w.frequency - middle + rng.uniform(-4.0, 4.0)))
+
+
+def oven_at_its_limits(w: World, rng: np.random.Generator) -> FloatArray:
+    """An oven inside holds a temperature until its power is used up, or no more is needed."""
+    inside = follows(w.case, log_uniform(rng, 200, 1200))
+    return np.asarray(np.clip((rng.uniform(40.0, 70.0) - inside) / rng.uniform(20.0, 50.0), 0.0, 1.0))
+
+
+def activity_dip(w: World, rng: np.random.Generator) -> FloatArray:
+    """A crystal that lags has an activity dip at one temperature."""
+    away = (follows(w.case, log_uniform(rng, 60, 500)) - rng.uniform(-10.0, 60.0)) / rng.uniform(2.0, 6.0)
+    return np.asarray(1.0 / (1.0 + away**2))
+
+
+def ripple_of_a_pump(w: World, rng: np.random.Generator) -> FloatArray:
+    """The ripple of a charge pump beats with the supply, and grows with the temperature of the pump."""
+    low, high = w.constant(float(w.supply.min())), w.constant(float(w.supply.max()))
+    turns = (w.supply - low) / (high - low) * rng.uniform(2.0, 4.0)
+    return np.asarray(np.sin(2.0 * np.pi * turns + rng.uniform(0.0, 6.0)) * (w.case + rng.uniform(50.0, 90.0)))
+
+
+def screw_that_creeps(w: World, rng: np.random.Generator) -> FloatArray:
+    """A screw loses preload by the logarithm of the time that it was hot."""
+    hot = np.cumsum(w.case > rng.uniform(40.0, 60.0))
+    return np.asarray(np.log1p(hot / log_uniform(rng, 300, 1500)))
+
+
+def limiter_of_the_drive(w: World, rng: np.random.Generator) -> FloatArray:
+    """Above a drive the loop limits, and quadrature leaks in proportion to what is cut off."""
+    low, high = w.constant(float(w.drive.min())), w.constant(float(w.drive.max()))
+    return np.asarray(np.maximum(w.drive - low - rng.uniform(0.4, 0.7) * (high - low), 0.0) * w.quadrature)
+
+
+def shock_of_cooling(w: World, rng: np.random.Generator) -> FloatArray:
+    """The compressor's shaking reaches the unit while it is cooled, in proportion to how fast."""
+    return np.asarray(follows(w.compressor, log_uniform(rng, 60, 400)) * np.maximum(-_per_minute(w.case), 0.0))
+
+
+def seal_dragged_by_the_air(w: World, rng: np.random.Generator) -> FloatArray:
+    """A seal at the chamber's wall moves with the air, and drags with play."""
+    play, at, out = rng.uniform(3.0, 15.0), float(w.air[0]), np.empty(len(w.air))
+    for second, air in enumerate(w.air.tolist()):
+        at = min(max(at, air - play), air + play)
+        out[second] = air - at
+    return out
+
+
+def loop_behind_its_reference(w: World, rng: np.random.Generator) -> FloatArray:
+    """A phase loop is behind a frequency that moves, and its error turns with the frequency."""
+    low, high = w.constant(float(w.frequency.min())), w.constant(float(w.frequency.max()))
+    turned = np.cos(2.0 * np.pi * (w.frequency - low) / (high - low) * rng.uniform(0.5, 1.5))
+    return np.asarray((w.frequency - follows(w.frequency, log_uniform(rng, 60, 600))) * turned)
+
+
+def poled_by_the_drive(w: World, rng: np.random.Generator) -> FloatArray:
+    """A piezo is poled by the drive, faster when warm, towards what the drive is now."""
+    tau_s, warm, poled, out = (
+        log_uniform(rng, 2000, 8000),
+        rng.uniform(20.0, 40.0),
+        float(w.drive[0]),
+        np.empty(len(w.case)),
+    )
+    for second, (drive, case) in enumerate(zip(w.drive.tolist(), w.case.tolist(), strict=True)):
+        poled += (drive - poled) * np.exp((case - 25.0) / warm) / tau_s
+        out[second] = poled - drive
+    return out
+
+
+def _per_minute(value: FloatArray) -> FloatArray:
+    return np.asarray(60.0 * np.gradient(follows(value, 60.0)))
+
+
 GROUPS = {
     "after places in a temperature that lags, covers and hops had come": (
         board_with_a_thermostat,
@@ -131,6 +255,24 @@ GROUPS = {
         saturated_core,
         mode_by_inner_temperature,
         pump_of_the_room,
+    ),
+    "after memories of the direction and two parts against each other had come": (
+        charge_by_warming,
+        getter,
+        bowed_housing,
+        lid_that_snaps_flat,
+        dirty_contact,
+        fan_by_demand,
+        drop_out,
+        oven_at_its_limits,
+        activity_dip,
+        ripple_of_a_pump,
+        screw_that_creeps,
+        limiter_of_the_drive,
+        shock_of_cooling,
+        seal_dragged_by_the_air,
+        loop_behind_its_reference,
+        poled_by_the_drive,
     ),
 }
 """By when they were written."""

@@ -230,8 +230,8 @@ def test_a_formula_that_check_runs_bear_by_their_evidence_is_told_unless_their_e
 @pytest.mark.parametrize(("borne", "first"), [(66.0, "best"), (49.0, "proved")])
 def test_a_formula_that_is_proved_leads_unless_check_runs_speak_more_for_the_best(borne, first):
     """The errors are the same; the noise of the check run decides which of the two changes is beyond chance."""
-    best = SimpleNamespace(name="best", proof=Proof("check", 0.143, 0.129, 1.7), borne=borne)
-    proved = SimpleNamespace(name="proved", proof=Proof("check", 0.143, 0.129, 2.2), borne=49.0)
+    best = SimpleNamespace(name="best", proof=Proof("check", 0.143, 0.129, 1.7), borne=borne, evidence=20.0)
+    proved = SimpleNamespace(name="proved", proof=Proof("check", 0.143, 0.129, 2.2), borne=49.0, evidence=18.0)
     assert [one.name for one in proved_first((best, proved))] == [first, ({"best", "proved"} - {first}).pop()]
 
 

@@ -252,6 +252,12 @@ class Formula:
             if i or not self.pair
         ]
 
+    def within(self, other: Formula) -> bool:
+        """Whether the other is this formula with further blocks."""
+        return {block.text for block in self.blocks} < {
+            block.text for block in other.blocks
+        } and self.pair == other.pair
+
     def one_way(self) -> list[Formula]:
         """The formula of heating alone, and of cooling alone, where it is of both: runs that pass each temperature once
         up and once down hardly tell them apart.

@@ -107,13 +107,13 @@ def with_formulas(
         )
         answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
     if answer.verdict == "unknown_effect":
-        answer = replace(answer, proved=_explains(formulas[0], floor_dph))
+        answer = replace(answer, proved=explains(formulas[0], floor_dph))
     if answer.leading and answer.leading.proof.proved and answer.noise_finding == DRIFTS:
         answer = replace(answer, noise_finding="")  # measured without the formula
     return answer
 
 
-def _explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
+def explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
     """Whether unseen data bear a formula out as what is missing; None where none could judge it."""
     proof = formula.proof
     return proof.proved and not _leaves_more(proof.after_dph, floor_dph, formula.residuals)

@@ -444,12 +444,13 @@ def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:
 
 def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
     """The same, with the one first that check runs prove against all others: more evidence of the fitted runs may be
-    that of what happened in them alone.
+    that of what happened in them alone. A factor without which no evidence tells the formula from the best is needless.
     """
-    if not ranked or ranked[0].scored.left.by != "check":
+    if not ranked:
         return ranked
-    best = ranked[0]
-    for each in ranked:
+    near = (each for each in ranked if each.total > ranked[0].total - TIE)
+    best = next((each for each in near if each.one.formula.within(ranked[0].one.formula)), ranked[0])
+    for each in ranked if best.scored.left.by == "check" else ():
         if each.borne > best.borne + TIE and prove(best.scored.left, each.scored.left).falls:
             best = each
     return [best, *(each for each in ranked if each is not best)]
