@@ -210,16 +210,18 @@ def test_who_must_sign_in_is_asked_for_a_token(tmp_path, visitors):
         assert page.url.endswith("/units?q=GX-1"), "what was asked for is shown"
         assert page.get_by_role("link", name="Start").count() == 0
         page.goto("/")
-        page.get_by_role("main").get_by_role("button", name="Operator").wait_for()
+        page.get_by_role("heading", name="Who works here?").wait_for()
+        assert axe(page) == []
         page.set_viewport_size(PHONE)
         page.wait_for_function(ONE_LINE)
         page.set_viewport_size(DESKTOP)
         visitors.of(page).forgives = re.compile("status of 401")
-        page.get_by_role("main").get_by_role("button", name="Operator").click()
-        enter = page.get_by_role("dialog").get_by_role("button", name="Sign in")
+        page.get_by_role("button", name="Operator").click()
+        dialog = page.get_by_role("dialog")
+        enter = dialog.get_by_role("button", name="Sign in")
         assert enter.evaluate("(one) => getComputedStyle(one).backgroundColor") == enter.evaluate(COLOUR, "--action")
         for typed in ("0000000", pin):
-            page.get_by_label("PIN or badge").fill(typed)
+            dialog.get_by_label("PIN or badge").fill(typed)
             page.keyboard.press("Enter")
             if typed != pin:
                 page.get_by_text("This PIN or badge is not known").wait_for()

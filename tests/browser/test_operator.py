@@ -637,6 +637,50 @@ def test_an_abort_is_not_offered_any_more_when_the_pin_has_expired(tmp_path, pro
         page.context.close()
 
 
+def test_operators_of_one_screen_name_themselves_by_their_badges_and_answer_for_themselves(tmp_path, visitors):
+    access = tmp_path / "access.yaml"
+    viewer = people.add_person(access, "screen", "viewer")
+    badges = {
+        name: people.add_pin(access, name, "operator", badge)
+        for name, badge in (("Olena", "0004471199"), ("Ivan", "0004471200"))
+    }
+    with site_over(tmp_path / "out", "--access", str(access)) as site:
+        page = visitors.come(site.address)
+        visitors.of(page).forgives = re.compile("status of (401|422)")
+        page.goto("/")
+        page.get_by_label("Token").fill(viewer)
+        page.keyboard.press("Enter")
+        page.get_by_label("PIN or badge").wait_for()
+        for wrong in ("0004471201", "   "):
+            page.keyboard.type(wrong)
+            page.keyboard.press("Enter")
+            page.get_by_text("This PIN or badge is not known").wait_for()
+            page.reload()
+            page.get_by_label("PIN or badge").wait_for()
+
+        def named(name):
+            page.keyboard.type(badges[name])  # a reader: nobody has pointed at a field
+            page.keyboard.press("Enter")
+            page.locator(".who", has_text=name).wait_for()
+
+        def left():
+            page.get_by_role("button", name="Leave the screen").click()
+            page.get_by_label("PIN or badge").wait_for()
+
+        named("Olena")
+        page.get_by_role("region", name="Embedded station").get_by_role("button", name="SIM-0001").click()
+        page.get_by_role("heading", name="Which test plan?").wait_for()
+        left()
+        named("Olena")
+        page.get_by_role("heading", name="Which test plan?").wait_for()
+        left()
+        named("Ivan")
+        page.get_by_role("heading", name="Which unit?").wait_for()
+        page.go_back()
+        page.get_by_role("heading", name="Which unit?").wait_for()
+        page.context.close()
+
+
 def test_back_asks_the_question_before_again(site, visitors):
     page = visitors.come(site[0])
     page.goto("/units")

@@ -3,7 +3,7 @@ import { html, useEffect, useRef, useState } from "./preact.js";
 import { get, post, remove } from "./api.js";
 import { call, calling } from "./calls.js";
 import { useLive } from "./live.js";
-import { Dialog, Trouble } from "./parts.js";
+import { Dialog, Trouble, useTyping } from "./parts.js";
 import { leave, navigate } from "./router.js";
 import { session, theme, useStore } from "./store.js";
 import { LANGUAGES, language, speak, t } from "./words.js";
@@ -53,38 +53,42 @@ function Language() {
   </select>`;
 }
 
-/** The operator of a screen that is signed in: named by a PIN or a badge, for a while; then the screen is as before. */
-export function Operator({ who }) {
-  const [asked, setAsked] = useState(false);
+const again = async () => session.set(await get("/session"));
+
+/** Asks for the PIN; a reader types what is on a badge, and Enter. */
+export function Pin({ id, children }) {
   const [error, setError] = useState(null);
   const field = useRef(null);
-  const again = async () => session.set(await get("/session"));
-  useEffect(() => {
-    if (!who.pin_s) return undefined;
-    const timer = setTimeout(again, 1000 * who.pin_s + 500);
-    return () => clearTimeout(timer);
-  }, [who]);
+  useTyping(() => field.current);
   const enter = async (event) => {
     event.preventDefault();
     try {
       await post("/session/pin", { pin: field.current.value.trim() });
       await again();
-      setAsked(false);
     } catch (problem) {
-      setError(problem.status === 401 ? t("pin.wrong") : problem);
+      setError([401, 422].includes(problem.status) ? t("pin.wrong") : problem);
       field.current.value = "";
       field.current.focus();
     }
   };
+  return html`<form class="stack pin" onSubmit=${enter}><h2>${t("pin.title")}</h2>
+    <label for=${id}>${t("pin.field")}</label><input id=${id} ref=${field} type="password" inputmode="numeric" autocomplete="off" maxlength="40" required autofocus />
+    <${Trouble} error=${error} />
+    <div class="dialog-row">${children}<button type="submit" class="primary">${t("login.enter")}</button></div></form>`;
+}
+
+/** The operator of a screen that is signed in: named by a PIN or a badge, for a while; then the screen is as before. */
+function Operator({ who }) {
+  const [asked, setAsked] = useState(false);
+  useEffect(() => {
+    setAsked(false);
+    if (!who.pin_s) return undefined;
+    const timer = setTimeout(again, 1000 * who.pin_s + 500);
+    return () => clearTimeout(timer);
+  }, [who]);
   if (who.pin_s) return html`<button type="button" onClick=${() => remove("/session/pin").then(again)}>${t("pin.leave")}</button>`;
-  return html`<button type="button" onClick=${() => {
-    setError(null);
-    setAsked(true);
-  }}>${t("pin.ask")}</button>
-    ${asked && html`<${Dialog} label=${t("pin.title")} onClose=${() => setAsked(false)}><form class="stack pin" onSubmit=${enter}><h2>${t("pin.title")}</h2>
-      <label for="pin">${t("pin.field")}</label><input id="pin" ref=${field} type="password" inputmode="numeric" autocomplete="off" maxlength="40" required autofocus />
-      <${Trouble} error=${error} />
-      <div class="dialog-row"><button type="button" onClick=${() => setAsked(false)}>${t("pin.back")}</button><button type="submit" class="primary">${t("login.enter")}</button></div></form><//>`}`;
+  return html`<button type="button" onClick=${() => setAsked(true)}>${t("pin.ask")}</button>
+    ${asked && html`<${Dialog} label=${t("pin.title")} onClose=${() => setAsked(false)}><${Pin} id="pin"><button type="button" onClick=${() => setAsked(false)}>${t("pin.back")}</button><//><//>`}`;
 }
 
 async function signOut() {

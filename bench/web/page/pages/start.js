@@ -1,7 +1,7 @@
 // The operator's start page: asks for unit, plan and confirmation, one question at a time.
 import { html, useEffect, useLayoutEffect, useRef, useState } from "../lib/preact.js";
 import { get } from "../lib/api.js";
-import { Operator } from "../lib/bar.js";
+import { Pin } from "../lib/bar.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Shape, TextField, Trouble } from "../lib/parts.js";
 import { may, remembered, session, store, useStore } from "../lib/store.js";
@@ -38,6 +38,25 @@ function useChoices() {
 
 /** When the answers began to be given: those of a run that has been started are not asked again. */
 let since = Date.now();
+
+/** Nothing is answered; what is in the history is not asked again. */
+function forget() {
+  since = Date.now();
+  order.set(NOTHING);
+}
+
+/** Who has given the answers: somebody else at the same screen begins anew. */
+let whose = "";
+function useOwn(name) {
+  useLayoutEffect(() => {
+    if (!may("operator")) return;
+    if (whose && whose !== name) {
+      forget();
+      keep(NOTHING);
+    }
+    whose = name;
+  }, [name]);
+}
 
 /** Answers, kept with the entry of the history, or with a new one. */
 function keep(next, how = "replaceState") {
@@ -85,6 +104,7 @@ export default function Start({ query }) {
   const heading = useRef(null);
   const [unanswered, setUnanswered] = useState(query.unit && !query.unit.includes(",") ? serialOf(query.unit) : "");
   const step = question(now);
+  useOwn(who.name);
   useBack();
   useUnpressed(heading);
   const given = Boolean(query.unit || query.plan || query.calibration);
@@ -94,7 +114,7 @@ export default function Start({ query }) {
   useEffect(() => {
     if (step !== "unit") heading.current?.focus(); // there the field has it
   }, [step]);
-  if (!may("operator")) return html`<div class="page"><div class="notice warn"><p>${t("start.not_allowed")}</p>${who.pins && html`<p><${Operator} who=${who} /></p>`}</div></div>`;
+  if (!may("operator")) return html`<div class="page stack"><div class="notice warn"><p>${t("start.not_allowed")}</p></div>${who.pins && !who.pin_s && html`<${Pin} id="pin-here" />`}</div>`;
   const awaited = !choices.plans && (choices.error ? html`<${Trouble} error=${choices.error} retry=${choices.load} />` : html`<${Busy} />`);
   if (awaited && (given || step !== "unit")) return html`<div class="page">${awaited}</div>`;
   const answer = (more) => {
@@ -115,8 +135,7 @@ export default function Start({ query }) {
       ${step === "ready" && html`<${Ready} order=${now} answer=${answer} plan=${plan} plans=${choices.plans} station=${station} limits=${choices.limits}
         begun=${() => {
           lastStation.set(now.station);
-          since = Date.now();
-          order.set(NOTHING);
+          forget();
         }} />`}
     </section>
   </div>`;
