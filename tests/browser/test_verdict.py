@@ -44,6 +44,19 @@ def test_a_run_that_was_not_analysed_is_analysed_by_one_click(site, visitors):
     assert page.get_by_role("heading", name="NOT ANALYSED").count() == 0
 
 
+def test_a_heading_agrees_with_the_values_also_without_a_report(site, visitors):
+    address, out = site
+    folder = ended(out, "20261121T070000Z_ramp")
+    over = {"name": "samples_lost", "value": 9, "low": 9, "high": 9, "unit": "1", "lower": None, "upper": 0,
+            "reason": "", "verdict": "FAIL"}  # fmt: skip
+    (folder / "limits.json").write_text(json.dumps({"name": "t", "verdict": "FAIL", "results": [over]}))
+    page = visitors.come(address)
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    page.get_by_role("heading", name="FAIL").wait_for()
+    page.get_by_role("row", name="Samples lost").get_by_text("Fail").wait_for()
+    page.get_by_role("button", name="Analyse now").wait_for()
+
+
 def test_a_verification_shows_its_own_verdict_and_offers_no_calibration(site, visitors):
     address, out = site
     folder = ended(out, "20261121T080000Z_check")
@@ -109,6 +122,7 @@ def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(site, visitors)
     run = {"run": "U-0/run", "runs": [one["run"] for one in units], "condition": "ended", "profile": "short",
            "station": "s", "ended": end}  # fmt: skip
     page.route("**/api/v1/live/U-0/run", lambda route: route.fulfill(json=run))
+    page.route("**/api/v1/runs/U-2/run", lambda route: route.fulfill(json={"limits": None}))
     page.goto("/verdict/U-0/run")
     page.locator(".verdict-units li").nth(3).wait_for()
     told = page.locator(".verdict-units strong").all_inner_texts()
@@ -144,8 +158,10 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
             "upper": 2.5, "reason": "", "verdict": "MARGINAL"}  # fmt: skip
     judged = {"limits": {"name": "short", "results": [peak]}, "steps": {}, "segments": [], "losses": {}}
     page.route("**/api/v1/live/-0/run", lambda route: route.fulfill(json=run))
-    page.route("**/api/v1/runs/-1/run", lambda route: route.fulfill(json=judged))
+    page.route("**/api/v1/runs/*/run", lambda route: route.fulfill(json=judged))
     page.goto("/verdict/-0/run")
+    page.get_by_role("table", name="Ж-0").wait_for()
+    assert page.get_by_role("table").first.locator("caption").inner_text() == "Ж-1", "the worst first"
     table = page.get_by_role("table", name="Ж-1")
     why = table.get_by_role("cell").first.inner_text().split()
     assert why == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"

@@ -61,7 +61,7 @@ export default function Verdict({ params }) {
   if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /><${GoOn} run=${`${params.unit}/${params.run}`} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
-  const kind = answer?.manifest?.purpose === "verification" ? "verification" : "";
+  const kind = kindOf(answer);
   const twice = kind && answer.limits?.results?.some(({ name, value }) => name === "residual_rms_dph" && value !== null); // its sentence says it again
   const n = words.filter((one) => one === word).length;
   const some = n < units.length && html`<b>${t("verdict.of_units", { n, of: units.length })}</b> `;
@@ -76,8 +76,9 @@ export default function Verdict({ params }) {
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
         ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : html`<p>${some}${t(next(word, end, answer), { n })}</p>`}
-        ${word === "not_analysed" && may("operator") && html`<${Analyse} units=${units} again=${run?.again} />`}</section>
+        ${!fault && !end.analysing && units.some(({ analysed }) => !analysed) && may("operator") && html`<${Analyse} units=${units} again=${run?.again} />`}</section>
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
+      ${units.filter((unit) => unit !== shown).map((unit) => html`<${Other} key=${unit.unit} unit=${unit} />`)}
     </div>
   </article>`;
 }
@@ -100,6 +101,8 @@ function Analyse({ units, again }) {
 /** Units by serial number, whichever of their runs the address names. */
 const inOrder = (units) => [...units].sort((one, other) => one.unit.localeCompare(other.unit, undefined, { numeric: true }));
 
+const kindOf = (answer) => (answer?.manifest?.purpose === "verification" ? "verification" : "");
+
 /** The next step; with an unverified safe state, go to the chamber first. */
 const next = (word, end, answer) => {
   if (end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe))) return "verdict.equipment_failed.next_unsafe";
@@ -116,6 +119,12 @@ function useJudged(unit) {
     get(url`/runs/${serial}/${folder}`).then((answer) => setSeen({ run, answer }), () => setSeen({}));
   }, [run, unit?.analysed]); // values are there before the report is written
   return seen.run === run ? seen.answer : null;
+}
+
+/** Values of a unit beside the one whose values stand above. */
+function Other({ unit }) {
+  const answer = useJudged(unit);
+  return answer?.limits && html`<${Reasons} limits=${answer.limits} kind=${kindOf(answer)} of=${unit.unit} />`;
 }
 
 function Word({ word }) {

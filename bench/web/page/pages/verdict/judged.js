@@ -14,8 +14,8 @@ const WORDS = {
 export function judged(end, unit) {
   if (end.state === "failed") return "equipment_failed";
   if (end.state === "aborted") return "aborted";
-  if (!unit.analysed && !end.analysing) return "not_analysed";
   if (unit.limits?.toLowerCase() in WORDS) return unit.limits.toLowerCase();
+  if (!unit.analysed && !end.analysing) return "not_analysed";
   if (unit.verdict in WORDS) return unit.verdict;
   return end.analysing ? "analysing" : "measured";
 }
