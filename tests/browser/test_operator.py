@@ -329,6 +329,24 @@ def test_that_the_server_does_not_answer_is_not_said_any_more_when_it_answers(be
         window.get_by_text("the data shown are old").wait_for(state="detached")
 
 
+TOLD = """(change) => import(document.querySelector('script[type=module]').src).then(({ live }) =>
+  live.set((now) => ({ ...now, runs: now.runs.map((run) => ({ ...run, ...change })) })))"""
+"""The stream tells this of the live runs."""
+
+
+def test_that_an_abort_may_not_have_arrived_is_not_said_any_more_when_the_run_ends(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address)
+    visitors.of(page).forgives = re.compile("ERR_FAILED")
+    page.goto(f"/live/{run}")
+    page.route("**/abort", lambda route: route.abort())
+    page.get_by_role("button", name="Abort …").click()
+    page.get_by_role("button", name="Abort the run").click()
+    page.get_by_text("this run may NOT be aborted").wait_for()
+    page.evaluate(TOLD, {"state": "ending"})
+    page.get_by_text("this run may NOT be aborted").wait_for(state="detached")
+
+
 RETRIED_MS, SILENT_MS = 2000, 12_000
 TRIES = SILENT_MS // RETRIED_MS + 1
 
@@ -381,6 +399,9 @@ SMALL = {"width": 1366, "height": 768}
 PLOTTED_PX = 200
 
 
+NOTE_PX = "document.querySelector('.actions-gap').clientWidth"
+
+
 def plotted_px(page):
     """Heights of the plotted areas, without axes, of temperatures and means."""
     charts = page.get_by_role("img", name=re.compile("^(Curves of temperature|Mean output)"))
@@ -410,6 +431,13 @@ def test_nothing_is_under_the_actions_of_a_small_screen(bench, visitors):
     for size in (SMALL, PHONE):
         page.set_viewport_size(size)
         assert min(plotted_px(page)) >= PLOTTED_PX
+    soak = {**bench.get(f"/live/{run}")["segment"], "anew": True}
+    wide = f"(change) => ({TOLD})(change).then(() => new Promise(requestAnimationFrame)).then(() => {NOTE_PX})"
+    assert page.evaluate(wide, {"segment": soak}) > 0.8 * PHONE["width"], "what a hold does is read without squinting"
+
+
+FILLED = "new DOMMatrix(getComputedStyle(document.querySelector('.segment-bar .now span')).transform).a"
+"""Share of the current segment that is shown as done."""
 
 
 def test_two_browsers_see_the_same(bench, visitors):
@@ -420,8 +448,10 @@ def test_two_browsers_see_the_same(bench, visitors):
     other.goto("/live")
     for page in (one, other):
         page.get_by_role("progressbar").wait_for()
+    one.wait_for_function(f"() => {FILLED} > 0.1")
     one.get_by_role("button", name="Hold now").click()
     one.get_by_role("button", name="Resume").wait_for()
+    assert one.evaluate(FILLED) > 0.05, "what was done of the segment stays done"
     one.locator(".log", has_text="hold by").wait_for()
     one.locator(".legend", has_text="mean over 30 s").wait_for()
     one.wait_for_function("document.title.startsWith('Holding · ')")

@@ -26,7 +26,10 @@ export function Actions({ run }) {
   const [requested, setRequested] = useState("");
   const [error, setError] = useState(null);
   const [sure, setSure] = useState(false);
-  useEffect(() => setRequested((action) => (action === "abort" ? action : "")), [run.state]);
+  useEffect(() => {
+    setRequested((action) => (action === "abort" ? action : ""));
+    if (run.state === "ending") setError(null); // whatever was not known of an abort, it has arrived
+  }, [run.state]);
   if (!may("operator")) return null;
   const ask = async (action) => {
     setRequested(action);

@@ -69,14 +69,15 @@ const MOST_CELLS = 60;
 export function Segments({ run }) {
   const segment = run.segment;
   if (!segment) return null;
-  const elapsed = Math.max(0, run.t_s - segment.from_s);
-  const share = elapsed + segment.left_s > 0 ? elapsed / (elapsed + segment.left_s) : 0;
   const over = segment.left_s <= 0 && run.state !== "ending";
   const done = Math.min(1, Math.max(0, run.t_s / (run.t_s + run.left_s || 1)));
   const cells = segment.of <= MOST_CELLS ? segment.of : 1;
   // In proportion to time, but none so narrow that it cannot be seen. A run that was resumed has other segments.
   const lengths = run.segments_s?.length === cells && cells > 1 ? run.segments_s : null;
   const least = lengths ? lengths.reduce((sum, s) => sum + s, 0) / 150 : 1;
+  // What is left says it also of a segment that was held, which begins again where it stopped.
+  const elapsed = lengths ? lengths[segment.index] - segment.left_s : run.t_s - segment.from_s;
+  const share = elapsed > 0 ? elapsed / (elapsed + segment.left_s) : 0;
   const grow = (index) => (lengths ? Math.max(lengths[index], least) : 1);
   const filled = (index) => (cells === 1 ? done : index < segment.index ? 1 : index > segment.index ? 0 : share);
   return html`<section class="segments" aria-label=${t("live.segments")}>
