@@ -122,7 +122,7 @@ def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(site, visitors)
     run = {"run": "U-0/run", "runs": [one["run"] for one in units], "condition": "ended", "profile": "short",
            "station": "s", "ended": end}  # fmt: skip
     page.route("**/api/v1/live/U-0/run", lambda route: route.fulfill(json=run))
-    page.route("**/api/v1/runs/U-2/run", lambda route: route.fulfill(json={"limits": None}))
+    page.route("**/api/v1/runs/U-2/run", lambda route: route.fulfill(json={"limits": None, "steps": {}}))
     page.goto("/verdict/U-0/run")
     page.locator(".verdict-units li").nth(3).wait_for()
     told = page.locator(".verdict-units strong").all_inner_texts()
@@ -144,7 +144,9 @@ def test_several_units_stand_in_the_order_of_their_numbers_and_are_spoken_of_as_
     assert "effect of these units" in page.locator(".verdict-sentence").inner_text()
     units[0]["verdict"] = "adequate"
     page.reload()
-    page.locator(".verdict-sentence").get_by_text("2 of 3 units:").wait_for()
+    page.locator(".verdict-sentence").get_by_text("U-1, U-10: ").wait_for()
+    todo = page.locator(".verdict-next p").all_inner_texts()
+    assert [text.partition(": ")[0] for text in todo] == ["U-1, U-10", "U-2"], "each is told what to do with"
 
 
 def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitors):

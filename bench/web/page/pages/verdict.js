@@ -5,11 +5,11 @@ import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
-import { asGiven, joined, moment, quantityWord, sig, symbols, t } from "../lib/words.js";
+import { asGiven, joined, moment, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
 import { GoOn } from "./live/resume.js";
 import { achieved, advice } from "./verdict/advice.js";
-import { judged, margin, outcomeWord, toneOf, worst } from "./verdict/judged.js";
+import { judged, margin, outcomeWord, toneOf, worstFirst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
 
 const LOOK_MS = 2000;
@@ -54,31 +54,34 @@ export default function Verdict({ params }) {
   }, [run, end]);
   const units = end?.units?.length ? inOrder(end.units) : [{ unit: params.unit, run: `${params.unit}/${params.run}` }];
   const words = end ? units.map((unit) => judged(end, unit)) : [];
-  const word = worst(words);
+  const [word] = worstFirst(words);
   const shown = units[words.indexOf(word)];
-  const answer = useJudged(shown);
+  const answers = useJudged(units);
+  const answer = answers[shown?.run];
   if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
   if (!end && error?.status === 409) return html`<div class="page"><${Unknown} what=${t("verdict.no_end", { run: `${params.unit}/${params.run}` })} way=${`/runs/${params.unit}/${params.run}`} words=${t("run.open")} /><${GoOn} run=${`${params.unit}/${params.run}`} /></div>`;
   if (!end) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   const fault = end.state !== "done";
   const kind = kindOf(answer);
   const twice = kind && answer.limits?.results?.some(({ name, value }) => name === "residual_rms_dph" && value !== null); // its sentence says it again
-  const n = words.filter((one) => one === word).length;
-  const some = n < units.length && html`<b>${t("verdict.of_units", { n, of: units.length })}</b> `;
+  const alike = units.filter((_, index) => words[index] === word);
+  const steps = stepsOf(units, words, (one, unit) => next(one, end, answers[unit.run]));
+  const good = units.filter((unit, index) => ["pass", "marginal"].includes(words[index]) && answers[unit.run]);
+  const named = (some) => some.length < units.length && html`<b>${joined(some.map(({ unit }) => unit))}${sign(": ")}</b>`;
   return html`<article class=${`verdict tone-${toneOf(word)}`}>
     <${Word} word=${word} />
     <div class="verdict-about">
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}${run?.started && html` · <time datetime=${run.started}>${moment(run.started)}</time>`}</p>
-      <p class="verdict-sentence">${some}${t(`verdict.${word}.sentence`, { n })}</p>
+      <p class="verdict-sentence">${named(alike)}${t(`verdict.${word}.sentence`, { n: alike.length })}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
       ${answer?.limits && html`<${Reasons} limits=${answer.limits} kind=${kind} of=${units.length > 1 && shown.unit} />`}
-      ${answer && ["pass", "marginal"].includes(word) && html`<${Achieved} run=${answer} />`}
+      ${good.length > 0 && html`<${Achieved} run=${answers[good[0].run]} whose=${named(good)} />`}
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
-        ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : html`<p>${some}${t(next(word, end, answer), { n })}</p>`}
+        ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : steps.map(([step, some]) => html`<p key=${step}>${named(some)}${t(step, { n: some.length })}</p>`)}
         ${!fault && !end.analysing && units.some(({ analysed }) => !analysed) && may("operator") && html`<${Analyse} units=${units} again=${run?.again} />`}</section>
       <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
-      ${units.filter((unit) => unit !== shown).map((unit) => html`<${Other} key=${unit.unit} unit=${unit} />`)}
+      ${units.filter(({ run: other }) => other !== shown.run && answers[other]?.limits).map((unit) => html`<${Reasons} key=${unit.unit} limits=${answers[unit.run].limits} kind=${kindOf(answers[unit.run])} of=${unit.unit} />`)}
     </div>
   </article>`;
 }
@@ -109,22 +112,29 @@ const next = (word, end, answer) => {
   return advice(word, answer);
 };
 
-/** Answer of GET /runs/… about a unit's run that was judged; null before it. */
-function useJudged(unit) {
-  const [seen, setSeen] = useState(/** @type {{run?: string, answer?: any}} */ ({}));
-  const run = unit?.limits && unit.run;
-  useEffect(() => {
-    if (!run) return;
-    const [serial, folder] = run.split("/");
-    get(url`/runs/${serial}/${folder}`).then((answer) => setSeen({ run, answer }), () => setSeen({}));
-  }, [run, unit?.analysed]); // values are there before the report is written
-  return seen.run === run ? seen.answer : null;
+/** What is to be done, worst first, each with its units: [key, units]. */
+function stepsOf(units, words, stepOf) {
+  const found = new Map();
+  for (const word of worstFirst(words)) {
+    for (const unit of units.filter((_, index) => words[index] === word)) {
+      const step = stepOf(word, unit);
+      found.set(step, [...(found.get(step) ?? []), unit]);
+    }
+  }
+  return [...found];
 }
 
-/** Values of a unit beside the one whose values stand above. */
-function Other({ unit }) {
-  const answer = useJudged(unit);
-  return answer?.limits && html`<${Reasons} limits=${answer.limits} kind=${kindOf(answer)} of=${unit.unit} />`;
+/** Answers of GET /runs/… about the units' runs that were judged, by run. */
+function useJudged(units) {
+  const [seen, setSeen] = useState(/** @type {Record<string, any>} */ ({}));
+  const judgedNow = units.filter(({ limits, run }) => limits && run);
+  useEffect(() => {
+    for (const { run } of judgedNow) {
+      const [serial, folder] = run.split("/");
+      get(url`/runs/${serial}/${folder}`).then((answer) => setSeen((before) => ({ ...before, [run]: answer })), () => {});
+    }
+  }, [judgedNow.map(({ run, analysed }) => `${run} ${analysed}`).join()]); // values are there before the report is written
+  return seen;
 }
 
 function Word({ word }) {
@@ -156,12 +166,12 @@ const Units = ({ units, words }) => html`<ul class="verdict-units">
 </ul>`;
 
 /** What was passed: the limits by name, the steps that are done, and those that are missing before the unit goes on. */
-function Achieved({ run }) {
+function Achieved({ run, whose }) {
   const { done, missing } = achieved(run);
   const named = (steps) => joined(steps.map((step) => t(`verdict.step.${step}`)));
   return html`<ul class="findings verdict-reasons" aria-label=${t("verdict.achieved")}>
-    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${run.limits?.name ? t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) }) : t("verdict.done_by_rule", { steps: named(done) })}</span></li>`}
-    ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${t("verdict.missing", { steps: named(missing) })}</span></li>`}
+    ${done.length > 0 && html`<li><span class="tone-good"><${Shape} tone="good" /></span><span>${whose}${run.limits?.name ? t("verdict.done", { steps: named(done), limits: limitsName(run.limits.name) }) : t("verdict.done_by_rule", { steps: named(done) })}</span></li>`}
+    ${missing.length > 0 && html`<li><span class="tone-warn"><${Shape} tone="warn" /></span><span>${whose}${t("verdict.missing", { steps: named(missing) })}</span></li>`}
   </ul>`;
 }
 

@@ -31,5 +31,5 @@ export const toneOf = (word) => WORDS[word?.toLowerCase()] ?? "idle";
 /** An outcome (PASS, missing_effect) in a few words. */
 export const outcomeWord = (word) => or(`units.word.${word?.toLowerCase()}`, word);
 
-/** The worst of several words. */
-export const worst = (words) => Object.keys(WORDS).find((word) => words.includes(word)) ?? "measured";
+/** Several words, each once, the worst first. */
+export const worstFirst = (words) => Object.keys(WORDS).filter((word) => words.includes(word));
