@@ -49,7 +49,8 @@ def _catalogue() -> Mapping[str, Any]:
     """`words/told.json`: its sentences, and the rules by which a text is found among them.
 
     A place `{name}` of a sentence ends where the sentence does; `rules.places` has the pattern of each name that takes
-    another text; what stands at those of `rules.kept` stays as it is. `rules.joints` is where a text of several
+    another text; what stands at those of `rules.kept` stays as it is, and at those of `rules.own` all that is not of
+    this pattern. `rules.joints` is where a text of several
     sentences is cut, in this order, with what joins it in each language.
     """
     found: dict[str, Any] = json.loads((files("bench.base") / "words" / "told.json").read_text(encoding="utf-8"))
@@ -94,8 +95,9 @@ def _told(text: str, column: int) -> str | None:
         return bare + str(_catalogue()["rules"]["stop"][column])
     for pattern, own in _patterns():
         if match := pattern.fullmatch(text):
-            kept, given = _catalogue()["rules"]["kept"], match.groupdict()
-            known = {name: one for name, value in given.items() if name not in kept and (one := _told(value, column))}
+            given = match.groupdict()
+            ours = ((name, value) for name, value in given.items() if not _peoples(name, value))
+            known = {name: one for name, value in ours if (one := _told(value, column))}
             if known or not given or re.search(r"[^\W_]", re.sub(r"\{\w+\}", "", own[column])):
                 return own[column].format(**given | known)
     rules = _catalogue()["rules"]
@@ -105,6 +107,12 @@ def _told(text: str, column: int) -> str | None:
         if any(made):
             return str(own[column].join(one or part for one, part in zip(made, parts, strict=True)))
     return None
+
+
+def _peoples(name: str, value: str) -> bool:
+    """Whether a person wrote what stands at a place."""
+    rules = _catalogue()["rules"]
+    return name in rules["kept"] or (name in rules["own"] and not re.fullmatch(rules["own"][name], value))
 
 
 def _plain(text: str, column: int) -> str | None:

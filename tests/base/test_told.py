@@ -160,6 +160,10 @@ SAMPLES = [
     ("aborted by Rows (operator) from 127.0.0.1", "uk", "перервав Rows (оператор) з 127.0.0.1"),
     ("aborted by rows and cooling (operator) from 127.0.0.1", "uk", "перервав rows and cooling (оператор) з 127.0.0.1"),
     ("column 'cooling' for temperature does not exist", "uk", "стовпця 'cooling' для каналу «температура» немає"),
+    ("start heating", "uk", "початок: heating"),
+    ("end cooling: done", "zh", "结束：cooling：完成"),
+    ("end ramp to 60 at 1.5: done", "uk", "кінець: рампа до 60 зі швидкістю 1,5: виконано"),
+    ("start start", "uk", "початок: початок"),
     ("like nothing that was ever said", "uk", None),
     ("the glove was lost", "uk", None),
 ]  # fmt: skip

@@ -33,6 +33,9 @@ function plain(text, column) {
   return or(`workbench.effect.${text}`, null) ?? or(`import.channel.${text}`, null);
 }
 
+/** Whether a person wrote what stands at a place. */
+const peoples = (name, value) => rules.kept.includes(name) || (name in rules.own && !whole(rules.own[name]).test(value));
+
 function found(text, column) {
   if (Object.hasOwn(known, text)) return known[text][column]; // in a sentence a channel has no capital letter
   const own = plain(text, column);
@@ -42,7 +45,7 @@ function found(text, column) {
   for (const { regex, own: words } of sentences) {
     const match = text.match(regex);
     if (!match) continue;
-    const given = Object.entries(match.groups ?? {}).map(([name, value]) => [name, rules.kept.includes(name) ? null : tell(value, column), value]);
+    const given = Object.entries(match.groups ?? {}).map(([name, value]) => [name, peoples(name, value) ? null : tell(value, column), value]);
     const values = Object.fromEntries(given.map(([name, one, value]) => [name, one ?? value]));
     // Words that are only the places say nothing where nothing at them is known.
     if (given.some(([, one]) => one !== null) || !given.length || /\p{L}|\d/u.test(words[column].replace(PLACE, ""))) return words[column].replace(PLACE, (_, name) => values[name]);
