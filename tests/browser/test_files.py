@@ -14,6 +14,18 @@ def address(tmp_path_factory, project):
         yield site.address
 
 
+def test_a_file_that_does_not_exist_is_said_with_a_way_on(address, visitors):
+    page = visitors.come(address)
+    visitors.of(page).forgives = re.compile("status of 400")
+    page.goto("/files?kind=profiles&id=nowhere")
+    gone = page.get_by_role("alert").get_by_text("'nowhere'")
+    gone.wait_for()
+    page.get_by_role("button", name="Choose a file").click()
+    gone.wait_for(state="detached")
+    page.get_by_label("File", exact=True).select_option("short")
+    page.get_by_label("Text of the file").wait_for()
+
+
 def test_changes_that_are_not_saved_are_not_lost_without_a_question(address, visitors):
     page = visitors.come(address)
     page.goto("/units")

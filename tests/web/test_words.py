@@ -411,6 +411,11 @@ def test_a_value_and_its_sign_stay_in_one_line() -> None:
     assert spoken("lib/words.js", "unbroken", given, "en") == told_of
 
 
+def test_effects_that_explain_as_much_as_a_formula_have_their_names() -> None:
+    given = ["hysteresis + aging", "thermal_lag", "lag(dT_dt, 60 s) + temperature"]
+    assert spoken("lib/words.js", "effectsWord", given) == ["迟滞 + 老化", "热滞后", given[2]]
+
+
 @pytest.mark.parametrize(("language", "said"), [("uk", "англійською)"), ("zh", "英文）")])
 def test_what_opens_a_paper_in_english_says_so(language: str, said: str) -> None:
     keys = ["verdict.report", "units.run.report", "units.open_pdf", "job.print", "run.certificate.get"]

@@ -85,6 +85,12 @@ export function channelWord(name) {
 /** Name of an effect: "thermal lag" for `thermal_lag`; one that is not in the catalogue keeps its name. */
 export const effectWord = (name) => or(`workbench.effect.${name}`, /^\w+$/.test(name) ? name.replaceAll("_", " ") : name);
 
+/** Names of effects that stand together (`hysteresis + aging`); a formula as it is. */
+export const effectsWord = (text) => {
+  const parts = text.split(" + ");
+  return parts.every((part) => known(`workbench.effect.${part}`)) ? parts.map(effectWord).join(" + ") : effectWord(text);
+};
+
 /** Name of a quantity that is measured or judged; `of` a verification it may have another one. */
 export const quantityWord = (name, of = "") => (of && or(`units.q.${name}.${of}`, "")) || or(`units.q.${name}`, name.replaceAll("_", " "));
 

@@ -2,9 +2,10 @@
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { compute, get, put, url } from "../lib/api.js";
 import { Curve } from "../lib/curve.js";
-import { Busy, Lamp, Trouble } from "../lib/parts.js";
+import { Busy, Lamp, Trouble, Unknown } from "../lib/parts.js";
 import { choose, useUnsaved } from "../lib/leaving.js";
 import { remember } from "../lib/router.js";
+import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
 import { limitsName, planTitle, stationName } from "../lib/names.js";
 import { duration, t } from "../lib/words.js";
@@ -87,6 +88,7 @@ function File({ kind, id, stations, saved }) {
       setState({ error });
     }
   };
+  if (text === null && state.error?.status === 400) return html`<${Unknown} what=${html`<${Said} text=${state.error.message} whole />`} way=${() => saved("")} words=${t("files.choose")} />`;
   if (text === null) return state.error ? html`<${Trouble} error=${state.error} retry=${load} />` : html`<${Busy} />`;
   const placed = findings.filter(({ line, level }) => line && level !== "info");
   const warnings = findings.filter(({ level }) => level === "warning").length;

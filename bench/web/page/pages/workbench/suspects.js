@@ -1,7 +1,7 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
 import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
-import { between, effectWord, joined, sign, symbols } from "../../lib/words.js";
+import { between, effectWord, effectsWord, joined, sign, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
 import { outcomeWord, toneOf } from "../verdict/judged.js";
 
@@ -86,7 +86,7 @@ function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}</p>
     <${Beside} effects=${one.beside} />
     <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
-    ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${effectWord(text)}</code></p>`)}
+    ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${effectsWord(text)}</code></p>`)}
     ${one.caution && html`<p class="wb-warn"><${Said} text=${one.caution} /></p>`}
   </li>`)}</ol>`;
 }
