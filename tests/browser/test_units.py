@@ -157,6 +157,25 @@ def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.get_by_role("heading", name="L0-0020").wait_for()
 
 
+def test_a_shift_of_a_station_has_its_day_and_what_no_cpk_is_known_of_has_none(page):
+    shift = {"place": "station-B", "quantity": "noise_floor_dph", "chart": "cusum", "change": 0.005, "since": "L0-0020",
+             "since_created": "2026-04-09T04:48:00+00:00", "unit": "L0-0030", "before": 20, "count": 9,
+             "unit_of_value": "deg/h"}  # fmt: skip
+
+    def shifted(route):
+        answer = route.fetch()
+        fleet = answer.json() | {"shifts": [shift]}
+        for one in fleet.get("quantities", []):  # it is being counted at first
+            one["capability"] = {"cpk": None, "cpk_interval": [None, None], "ppk": 0.6, "outside": 1}
+        route.fulfill(response=answer, json=fleet)
+
+    page.route("**/api/v1/fleet?*", shifted)
+    page.goto("/fleet?q=L")
+    page.get_by_role("row", name="station-B").get_by_text("since Apr 9, 2026").wait_for()
+    cells = page.locator(".st-quantities tbody tr").first.get_by_role("cell").all_inner_texts()
+    assert cells[4] == "–", "no interval of nothing"
+
+
 @pytest.mark.parametrize("width", [390, 683])
 def test_the_capability_of_a_fleet_is_in_sight_and_the_words_of_a_chart_stand_beside_its_curve(page, width):
     page.set_viewport_size({"width": width, "height": 900})

@@ -38,7 +38,7 @@ function padded(_, low, high, least) {
 
 /** @returns {uPlot.Options} */
 const options = (chart, series, bands, hooks) => ({
-  width: 300, height: 160, legend: { show: false }, padding: [10, 12, 0, 0],
+  width: 300, height: 160, legend: { show: false }, padding: [10, 18, 0, 0],
   cursor: { y: false, drag: { x: false, y: false }, points: { size: 7 } },
   scales: {
     x: { time: false, range: (_, low, high) => chart.current.span?.(low, high) ?? [low ?? 0, high ?? 1] },

@@ -69,7 +69,7 @@ function Capability({ fleet, chosen, choose }) {
         <td class="n broad">${one.units}</td>
         <td class="n broad">${one.signals === null ? "–" : one.signals ? html`<${Lamp} tone="warn">${one.signals}<//>` : "0"}</td>
         <td class="n broad">${sig(one.mean)}</td><td class="n">${limits || "–"}</td>
-        <td class="n broad">${able ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)}\u00a0… ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
+        <td class="n broad">${Number.isFinite(able?.cpk) ? html`${sig(able.cpk)} <span class="soft small">${sig(able.cpk_interval[0], 2)}\u00a0… ${sig(able.cpk_interval[1], 2)}</span>` : "–"}</td>
         <td class="n">${able ? html`<${Lamp} tone=${one.capable ? "good" : "bad"}>${sig(able.ppk)}<//>` : "–"}</td>
         <td class="n">${able ? able.outside : "–"}</td></tr>`;
     })}</tbody></table></div>`}
@@ -125,7 +125,7 @@ function Shifts({ fleet }) {
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col">${t("units.serial")}</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
     <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row" title=${one.place}>${stationName(one.place)}</th><td>${quantityWord(one.quantity)}</td>
       <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} <span class="soft">${symbols(one.unit_of_value)}</span></td>
-      <td>${unitLink(one.since)} <span class="soft">${t("fleet.since", { day: one.since_created.slice(0, 10) })}</span></td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
+      <td>${unitLink(one.since)} <span class="soft">${t("fleet.since_day", { day: day(one.since_created) })}</span></td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.shift_note", { share: number(100 * fleet.station_charts.false_alarm, 0) })}</p>`;
 }
 
