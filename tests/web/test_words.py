@@ -411,6 +411,13 @@ def test_a_value_and_its_sign_stay_in_one_line() -> None:
     assert spoken("lib/words.js", "unbroken", given, "en") == told_of
 
 
+def test_a_step_of_the_ladder_speaks_the_language_that_is_chosen_later() -> None:
+    labels = [["+", {"effect": "aging"}], "spline", [{"effect": "hysteresis"}, {"option": "width_degc"}, "5"]]
+    added, begun, edited = spoken("pages/workbench/state.js", "labelWord", labels)
+    assert (added, begun) == ("+ 老化", "spline")
+    assert edited.startswith("迟滞 ")
+
+
 def test_effects_that_explain_as_much_as_a_formula_have_their_names() -> None:
     given = ["hysteresis + aging", "thermal_lag", "lag(dT_dt, 60 s) + temperature"]
     assert spoken("lib/words.js", "effectsWord", given) == ["迟滞 + 老化", "热滞后", given[2]]

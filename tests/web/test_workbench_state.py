@@ -68,7 +68,7 @@ def test_a_suspect_that_takes_the_place_of_a_term_brings_its_own_model() -> None
     action = {"type": "add", "effects": model["effects"], "model": model}
     script = "console.log(JSON.stringify(page.change(page.stateOf(''), given).steps.at(-1)));"
     step = told("pages/workbench/state.js", script, action)
-    assert (step["model"], step["label"]) == (model, "+ spline")
+    assert (step["model"], step["label"]) == (model, ["+", {"effect": "spline"}])
 
 
 @pytest.mark.parametrize(
@@ -144,7 +144,8 @@ def test_steps_with_formulas_are_told_apart_by_them() -> None:
     formulas = ("k * time", "k * dT_dt")
     actions = [{"type": "add", "effects": [{"effect": "expression", "formula": formula}]} for formula in formulas]
     actions += [{"type": "edit", "index": 1, "option": "formula", "value": "k * t"}, {"type": "remove", "index": 1}]
-    script = "console.log(JSON.stringify(given.reduce(page.change, page.stateOf('')).steps.map(({ label }) => label)))"
+    steps = "given.reduce(page.change, page.stateOf('')).steps"
+    script = f"console.log(JSON.stringify({steps}.map(({{ label }}) => page.labelWord(label))))"
     labels = told("pages/workbench/state.js", script, actions)[1:]
     assert labels[:2] == ["+ k * time", "+ k * dT_dt"]
     assert labels[3] == "− k * t"

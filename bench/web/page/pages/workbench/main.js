@@ -10,7 +10,7 @@ import { ModelPanel, useModels } from "./model.js";
 import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
 import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
-import { same } from "./state.js";
+import { labelWord, same } from "./state.js";
 import { timesFloor } from "../../lib/floor.js";
 import { Unknown } from "../../lib/parts.js";
 import { joined, sign } from "../../lib/words.js";
@@ -23,7 +23,7 @@ const analysisOf = (runs, model) => ({ ...runs, models: [model] });
 /** A rung of the ladder from an analysis, or null without one. */
 function rungOf(step, runs) {
   const found = known("/analyses", analysisOf(runs, step.model))?.models[0];
-  return found ? { label: step.label, inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by, why: found.held_out[0]?.reason } : null;
+  return found ? { label: labelWord(step.label), inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by, why: found.held_out[0]?.reason } : null;
 }
 
 const WHERE = () => ({

@@ -7,7 +7,11 @@ import { written } from "../../lib/typed.js";
 export const ROLES = ["fit", "check", "static", "sister"];
 
 /** What a step is called by: a term of one's own by its formula, there may be several. */
-const termWord = ({ effect, formula }) => formula ?? effectWord(effect);
+const termOf = ({ effect, formula }) => formula ?? { effect };
+
+/** The label of a step in the language in use. */
+export const labelWord = (label) =>
+  [label].flat().map((part) => (part.effect ? effectWord(part.effect) : part.option ? or(`workbench.option.${part.option}`, part.option) : part)).join(" ");
 
 /** The state after an action. */
 export function change(state, action) {
@@ -32,14 +36,14 @@ export function change(state, action) {
       return { ...state, steps: steps.map((step, i) => (i === at ? { ...step, model: action.model } : step)) };
     case "edit":
       return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
-        `${termWord(model.effects[action.index])} ${or(`workbench.option.${action.option}`, action.option)} ${written(action.value)}`);
+        [termOf(model.effects[action.index]), { option: action.option }, written(action.value)]);
     case "add":
       return grown(action.model ?? { ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
-        action.effects.map((one) => `+ ${termWord(one)}`).join(" "));
+        action.effects.flatMap((one) => ["+", termOf(one)]));
     case "remove": {
       const left = model.effects.filter((_, i) => i !== action.index);
       const gone = model.effects[action.index];
-      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }, `− ${termWord(gone)}`) : state;
+      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }, ["−", termOf(gone)]) : state;
     }
     case "undo":
       return { ...state, at: Math.max(0, at - 1), picture: "" };
