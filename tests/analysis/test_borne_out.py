@@ -29,6 +29,12 @@ def test_an_effect_that_makes_unseen_data_worse_is_no_headline():
     assert "unseen data do not bear out: the error there goes from 0.200 to 0.300 deg/h" in found.sentence
 
 
+def test_an_effect_that_no_unseen_data_could_judge_has_no_error_there():
+    assert headline(0.2, np.nan, "undecided").sentence.endswith(
+        "spline may lack resonance_frequency, which no unseen data could judge."
+    )
+
+
 def test_an_effect_that_unseen_data_prove_is_named():
     assert headline(0.2, 0.1, "missing_effect", (FOUND,)).headline == "Missing: resonance_frequency"
 

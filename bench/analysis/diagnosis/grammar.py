@@ -43,7 +43,10 @@ class Grammar:
         bent += [block.squared() for block in drivers if block.most and block.bounds]
         # Of what begins somewhere little may be seen at once that lasts.
         bent += [block.memory(self.ranges.length_s, every=2) for block in drivers if block.places]
-        alone = [Formula((block,)) for block in (*drivers, *bent, *states(self.ranges), *self.bends(), *self._fanned())]
+        # A curve of the temperature is the model's own; one of the temperature of a part inside is not.
+        inside = [self._kink(), *(block for block in self._inside() if block.places)]
+        own = (*drivers, *bent, *states(self.ranges), *self.bends(), *self._fanned(), *inside)
+        alone = [Formula((block,)) for block in own]
         lines = [Formula((block,), pair=True) for block in self.lines()]
         # Up and down the same way its rate of change leaves nothing of the sine alone, which could grow to it.
         changing = replace(lines[0], blocks=(*lines[0].blocks, _SLOPE))
@@ -69,8 +72,7 @@ class Grammar:
         # What acts at once at a place in a temperature that lags: of the same without the lag little may be seen.
         at_once = {"dT_dt", *self.ranges.switched, *(self._gap(name).text for name in self.ranges.apart)}
         at_once |= {self._centred(name).text for name in self.ranges.moved}
-        places = [block.looser for block in modifiers if block.looser and "lag(temperature" in block.looser.text]
-        late = [Formula((driver, place)) for driver in self.drivers() if driver.text in at_once for place in places]
+        late = [Formula((one, place)) for one in self.drivers() if one.text in at_once for place in self._inside()]
         return [*found.values(), *late]
 
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
@@ -173,6 +175,18 @@ class Grammar:
         variants = [one for block in covers for one in block.variants(self.ranges.length_s, self.ranges.switched)]
         slower = [f"{{slower}} * {name})" for name in self.ranges.switched]
         return [one for one in variants if any(text in one.text for text in slower)]
+
+    def _inside(self) -> list[Block]:
+        """Places in the temperature of a part that lags."""
+        loose = (block.looser for block in self.modifiers() if block.looser)
+        return [block for block in loose if "lag(temperature" in block.text]
+
+    def _kink(self) -> Block:
+        low, high = self.ranges.temperature
+        bounds = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))), ("centre", (low, high)))
+        tried = tuple((tau_s, *one) for one in inner(low, high, 9) for tau_s in _INNER_S[1::2])
+        words = "the distance from a value of a temperature that lags"
+        return Block("abs(lag(temperature, {tau_s}) - {centre})", words, "degC", bounds, tried, places=1)
 
     def _chamber(self) -> list[Block]:
         """What the chamber's heater and its cooling give, which no channel records: the heat balance of the air.

@@ -117,6 +117,8 @@ def _undecided(name: str, suspected: tuple[str, ...], steps: list[float]) -> str
     """A suspicion that unseen data do not bear out, or a slow cause that looks like the noise."""
     if not suspected:
         return f"{name} leaves a slow cause or the noise: this run cannot tell"
+    if not np.all(np.isfinite(steps)):
+        return f"{name} may lack {listed(suspected)}, which no unseen data could judge"
     change = f": the error there goes from {number(steps[0])} to {number(steps[-1])} deg/h" if len(steps) > 1 else ""
     return f"{name} may lack {listed(suspected)}, which unseen data do not bear out{change}"
 
