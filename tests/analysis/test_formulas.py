@@ -67,7 +67,7 @@ def test_what_depends_on_the_temperature_of_a_part_inside_is_told_by_a_place_in_
     ("truth", "formula"),
     [
         ("mode_late", r"k \* lag\(1/\(1 \+ \(\(frequency - 14000\.\d\)/0\.\d+\)\*\*2\), [56]\d\d(\.\d+)?\)"),
-        ("switch_that_heats", r"k \* lag\(latch\(temperature, .*\), 1[01]\d\d(\.\d+)?\)"),
+        ("switch_that_heats", r"k \* lag\((latch\(temperature, .*\)|tanh\(\(temperature - .*\)), 1[0-4]\d\d(\.\d+)?\)"),
     ],
 )
 def test_what_begins_somewhere_and_lasts_is_found(truth, formula):

@@ -30,7 +30,9 @@ from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
 from bench.base import FloatArray, InputError, shared
 
 _DECADE = 16
-_BEAM = 12  # leaders that are refined, and grown
+_BEAM = 12  # formulas that are grown into those of heating and of cooling alone
+_LEADERS = 36  # that are refined, of the grid,
+_HIDDEN = 12  # … and further ones whose parameters may hide more
 _GROWN = 3  # leaders that grow
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
@@ -94,9 +96,10 @@ class FormulaSearch:
         rough = scan.base[0] - scan.values[:, 0] - paid
         if not rough.max() > near - _NEAR:
             return ()
+        leaders = self._leaders(rough, scan, formulas)
         # The grid shows the less of a formula, the more parameters are to be refined.
         open_ = np.array([len(formula.parameters) for formula in formulas])
-        leaders = self._leaders(rough + _REFINED * open_[scan.which], scan, formulas)
+        leaders += self._leaders(rough + _REFINED * open_[scan.which], scan, formulas)[:_HIDDEN]
         # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
         alone = {one.blocks[0].text: index for index, one in enumerate(singles)}
         parts = [block.text for index in leaders[:_GROWN] for block in formulas[index].blocks]
@@ -216,7 +219,7 @@ class FormulaSearch:
                 continue
             found.append(index)
             shares.update(blocks)
-            if len(found) >= 2 * _BEAM:
+            if len(found) >= _LEADERS:
                 break
         return found
 
