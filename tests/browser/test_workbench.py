@@ -242,6 +242,24 @@ def test_a_run_with_a_report_offers_the_model_that_the_report_is_of(page):
     page.wait_for_url("**spline_lag_loop*")
 
 
+def test_a_link_has_the_steps_to_its_model_and_takes_the_name_of_one(page, visitors, address):
+    choose(page)
+    page.locator(".wb-suspect-head").first.get_by_role("button").last.click()
+    page.locator(".wb-fell").wait_for()
+    other = visitors.come(address, locale="en")
+    other.goto(page.url)
+    other.locator(".wb-fell").wait_for()
+    other.get_by_role("button", name="Undo").click()
+    other.locator(".wb-fell").wait_for(state="detached")
+    run = page.url.partition("&")[0]
+    other.goto(f"{run}&model=polynomial")
+    other.locator(".wb-model select option:checked", has_text="polynomial").wait_for(state="attached")
+    other.locator(".wb-tile").first.wait_for()
+    other.goto(f"{run}&model=polynomiel")
+    other.get_by_text("asks for the model “polynomiel”, which is not known here").wait_for()
+    other.locator(".wb-tile").first.wait_for()
+
+
 def test_a_zoom_by_keyboard_fetches_finer_data(page):
     held, free = [], []
     page.route("**/plotly*", lambda request: request.continue_() if free else held.append(request))

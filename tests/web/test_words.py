@@ -412,7 +412,7 @@ def test_a_value_and_its_sign_stay_in_one_line() -> None:
 
 
 def test_a_step_of_the_ladder_speaks_the_language_that_is_chosen_later() -> None:
-    labels = [["+", {"effect": "aging"}], "spline", [{"effect": "hysteresis"}, {"option": "width_degc"}, "5"]]
+    labels = [["+", {"effect": "aging"}], ["spline"], [{"effect": "hysteresis"}, {"option": "width_degc"}, "5"]]
     added, begun, edited = spoken("pages/workbench/state.js", "labelWord", labels)
     assert (added, begun) == ("+ 老化", "spline")
     assert edited.startswith("迟滞 ")

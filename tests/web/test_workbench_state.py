@@ -7,6 +7,7 @@ import pytest
 from tests.support.page_modules import told
 
 RUN, OTHER = "SIM-0001/20261121T060000Z_ramp", "SIM-0002/20261121T070000Z_ramp"
+LABELS = "steps.map(({ model }, i) => page.labelWord(page.labelOf(model, steps[i - 1]?.model)))"
 ADDRESS = """
 const { actions } = given;
 let state = page.stateOf("", null);
@@ -29,7 +30,7 @@ def test_the_address_holds_runs_model_and_what_is_shown() -> None:
     ]
     found = told("pages/workbench/state.js", ADDRESS, {"actions": actions})
     state, link = found["state"], found["link"]
-    assert link["steps"] == [{"model": state["steps"][1]["model"], "label": "spline + expression"}]
+    assert (link["steps"], link["at"]) == (state["steps"], 1), "the step before is in the link, too"
     for key in ("chosen", "figure", "over", "zoom", "picture", "wrong"):
         assert link[key] == state[key], key
     assert link["chosen"] == [{"run": RUN, "role": "fit"}, {"run": OTHER, "role": "check"}]
@@ -64,22 +65,33 @@ def test_steps_are_taken_back_and_made_again_until_another_is_made() -> None:
 
 
 def test_a_suspect_that_takes_the_place_of_a_term_brings_its_own_model() -> None:
-    model = {"name": "spline for line", "effects": [{"effect": "spline"}]}
+    model = {"name": "aging for spline", "effects": [{"effect": "aging"}]}
     action = {"type": "add", "effects": model["effects"], "model": model}
-    script = "console.log(JSON.stringify(page.change(page.stateOf(''), given).steps.at(-1)));"
-    step = told("pages/workbench/state.js", script, action)
-    assert (step["model"], step["label"]) == (model, ["+", {"effect": "spline"}])
+    script = f"""
+    const {{ steps }} = page.change(page.stateOf(''), given);
+    console.log(JSON.stringify([steps[1].model, {LABELS}]));
+    """
+    assert told("pages/workbench/state.js", script, action) == [model, ["spline", "+ aging − spline"]]
+
+
+def test_a_long_way_to_a_model_leaves_its_newest_steps_in_the_address() -> None:
+    script = """
+    const { steps } = page.stateOf(page.addressOf(given.reduce(page.change, page.stateOf(""))));
+    console.log(JSON.stringify(steps.map(({ model }) => model.effects.length)));
+    """
+    actions = [{"type": "add", "effects": [{"effect": "aging"}]}] * 9
+    assert told("pages/workbench/state.js", script, actions) == [4, 5, 6, 7, 8, 9, 10]
 
 
 @pytest.mark.parametrize(
-    "model", ["nonsense", "[]", '{"name":"a"}', '{"name":"a","effects":[]}', '{"name":1,"effects":[{}]}']
+    "model", ["", "nonsense", "[]", '{"name":"a"}', '{"name":"a","effects":[]}', '{"name":1,"effects":[{}]}']
 )
 def test_a_model_in_the_address_that_cannot_be_read_is_said_and_not_used(model: str) -> None:
     script = """
     const { wrong, steps } = page.stateOf(new URLSearchParams({ model: given }));
     console.log(JSON.stringify([wrong, steps[0].model.name]));
     """
-    assert told("pages/workbench/state.js", script, model) == [True, "spline"]
+    assert told("pages/workbench/state.js", script, model) == [model, "spline"]
 
 
 def test_a_decimal_comma_is_understood_and_what_is_no_number_stays_what_it_is() -> None:
@@ -144,9 +156,9 @@ def test_steps_with_formulas_are_told_apart_by_them() -> None:
     formulas = ("k * time", "k * dT_dt")
     actions = [{"type": "add", "effects": [{"effect": "expression", "formula": formula}]} for formula in formulas]
     actions += [{"type": "edit", "index": 1, "option": "formula", "value": "k * t"}, {"type": "remove", "index": 1}]
-    steps = "given.reduce(page.change, page.stateOf('')).steps"
-    script = f"console.log(JSON.stringify({steps}.map(({{ label }}) => page.labelWord(label))))"
+    script = f"const {{ steps }} = given.reduce(page.change, page.stateOf('')); console.log(JSON.stringify({LABELS}))"
     labels = told("pages/workbench/state.js", script, actions)[1:]
     assert labels[:2] == ["+ k * time", "+ k * dT_dt"]
     assert labels[3] == "− k * t"
     assert labels[2].startswith("k * time ")
+    assert labels[2].endswith(" k * t")

@@ -30,7 +30,7 @@ class Writing(BaseModel):
 class Shown(BaseModel):
     """The query of the workbench's address."""
 
-    address: str = Field(max_length=8000, pattern=r"^\?[\x21-\x7e]+$")
+    address: str = Field(max_length=16000, pattern=r"^\?[\x21-\x7e]+$")
 
 
 @router.get("/runs/{unit}/{run}/notes")

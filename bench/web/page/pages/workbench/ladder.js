@@ -5,12 +5,12 @@ import { labelled } from "../../lib/spoken.js";
 import { number as plain } from "../../lib/words.js";
 import { saveCsv, savePng, saveSvg } from "../../lib/download.js";
 import { palette } from "../../lib/figure.js";
+import { MOST_STEPS } from "./state.js";
 
 const WIDTH = 420;
 const HEIGHT = 214;
 const EDGE = { left: 48, right: 16, top: 16, bottom: 44 };
 const FALL_MS = 900;
-const MOST_RUNGS = 7;
 
 /** What the noise floor is. */
 export const floorWord = (rung, floor) => (isBound(headline(rung), floor) ? "workbench.ladder.floor_high" : "workbench.ladder.noise");
@@ -138,7 +138,7 @@ export function Ladder({ rungs, floor, name }) {
   const fell = before && headline(last) !== null && headline(before) !== null && headline(last) < headline(before);
   const progress = useFall(`${rungs.length} ${last?.label}`, Boolean(fell));
   if (!last) return null;
-  const recent = rungs.slice(-MOST_RUNGS);
+  const recent = rungs.slice(-MOST_STEPS);
   const shown = falling(recent, progress);
   const svg = () => {
     const copy = drawing.current.cloneNode(true);

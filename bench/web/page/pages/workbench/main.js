@@ -10,7 +10,7 @@ import { ModelPanel, useModels } from "./model.js";
 import { Notes } from "./notes.js";
 import { Pictures } from "./pictures.js";
 import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
-import { labelWord, same } from "./state.js";
+import { labelOf, labelWord, same } from "./state.js";
 import { timesFloor } from "../../lib/floor.js";
 import { Unknown } from "../../lib/parts.js";
 import { joined, sign } from "../../lib/words.js";
@@ -20,10 +20,10 @@ import { Said, Written } from "../../lib/said.js";
 /** Body of an analysis of one model. */
 const analysisOf = (runs, model) => ({ ...runs, models: [model] });
 
-/** A rung of the ladder from an analysis, or null without one. */
-function rungOf(step, runs) {
-  const found = known("/analyses", analysisOf(runs, step.model))?.models[0];
-  return found ? { label: labelWord(step.label), inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by, why: found.held_out[0]?.reason } : null;
+/** A rung of the ladder from the analysis of a model, or null without one; `before`: the model before it. */
+function rungOf(model, before, runs) {
+  const found = known("/analyses", analysisOf(runs, model))?.models[0];
+  return found ? { label: labelWord(labelOf(model, before)), inSample: found.rms_dph, heldOut: found.held_out_rms_dph, heldOutBy: found.held_out_by, why: found.held_out[0]?.reason } : null;
 }
 
 const WHERE = () => ({
@@ -64,7 +64,7 @@ function Standing({ session, analysis, floor, whole }) {
   useEffect(() => {
     for (const { model } of steps.slice(0, -1)) if (!known("/analyses", analysisOf(runs, model))) ask("/analyses", analysisOf(runs, model)).then(() => redraw((count) => count + 1), () => {});
   }, [steps, runs]);
-  const rungs = steps.map((step) => rungOf(step, runs)).filter(Boolean);
+  const rungs = steps.map(({ model }, i) => rungOf(model, steps[i - 1]?.model, runs)).filter(Boolean);
   const last = rungs[rungs.length - 1];
   return html`<section class="wb-card wb-standing" aria-labelledby="wb-ladder-title" aria-busy=${analysis.running ? "true" : "false"}>
     <div class="wb-card-head"><h2 id="wb-ladder-title">${t("workbench.ladder.title")}</h2>
@@ -204,7 +204,11 @@ export function Page({ query = {} }) {
   const unknown = chosen.find(({ run }) => told[run] === null)?.run;
   const first = told[chosen[0]?.run];
   const outputs = first?.outputs ?? [];
-  const ready = first !== undefined || !same(session.model, START_MODEL);
+  // Somebody may type the name of a model in place of the model.
+  const named = models.known.find(({ name }) => name === session.wrong);
+  useEffect(() => named && act({ type: "model", model: named.model, silent: true }), [named]);
+  const unread = session.wrong !== null && !named;
+  const ready = session.wrong === null ? first !== undefined || !same(session.model, START_MODEL) : models.read && unread && first !== undefined;
   const unchosen = outputs.length > 0 && !outputs.includes(session.output);
   useEffect(() => {
     if (unchosen) act({ type: "output", output: outputs[0] });
@@ -218,7 +222,7 @@ export function Page({ query = {} }) {
     ${chosen.length > 0 && html`<${Chosen} chosen=${chosen} told=${told} outputs=${outputs} output=${session.output} offered=${offered} act=${act} onAdd=${() => setMode("add")} onOther=${() => setMode("other")} onCompare=${() => setMode("compare")} />`}
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
-    ${session.wrong && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { model: session.model.name })}</p>`}
+    ${unread && models.read && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { given: session.wrong.slice(0, 60), model: session.model.name })}</p>`}
     ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
     ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} whole=${outputs.length > 0 && first.calibration ? chosen[0].run : null} reported=${first?.diagnosis?.model} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}

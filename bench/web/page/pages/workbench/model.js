@@ -39,12 +39,12 @@ function Option({ of, name, value, busy, change }) {
   return html`<label class="wb-option"><span title=${`${name}:`}>${word}</span> <${TextField} class="wb-code" aria-label=${label} disabled=${busy} title=${written(value)} value=${written(value)} onGiven=${(text) => change(typed(text))} /></label>`;
 }
 
-/** Models of the library; `again()` after one was saved. The request also has the server start its computing processes. */
+/** Models of the library, `read` when they are there; `again()` after one was saved. The request also has the server start its computing processes. */
 export function useModels() {
-  const [known, setKnown] = useState([]);
+  const [known, setKnown] = useState(null);
   const again = () => api.get("/models").then(({ models }) => setKnown(offered(models)), () => setKnown([]));
   useEffect(() => void again(), []);
-  return { known, again };
+  return { known: known ?? [], read: known !== null, again };
 }
 
 /** Models that the server takes at once. */

@@ -34,7 +34,7 @@ const read = () => stateOf(location.search, history.state);
 
 function act(action) {
   const next = change(read(), action);
-  navigate(location.pathname + addressOf(next), { replace: SILENT.includes(action.type), state: { steps: next.steps, at: next.at } });
+  navigate(location.pathname + addressOf(next), { replace: action.silent || SILENT.includes(action.type), state: { steps: next.steps, at: next.at, wrong: next.wrong } });
 }
 
 /** State of the address and `act(action)`, which changes it; `runs` {runs, check, static, sisters} in the form of the API, null while nothing can be fitted. */

@@ -9,15 +9,28 @@ export const ROLES = ["fit", "check", "static", "sister"];
 /** What a step is called by: a term of one's own by its formula, there may be several. */
 const termOf = ({ effect, formula }) => formula ?? { effect };
 
+/** Effects of one model that the other one does not have. */
+const own = ({ effects }, other) => effects.filter((effect) => !other.effects.some((one) => same(one, effect)));
+
+/** What a step changed of the model `before` it; the name of the first one. */
+export function labelOf(model, before) {
+  if (!before) return [model.name];
+  const [fresh, gone] = [own(model, before), own(before, model)];
+  const edited = fresh.length === gone.length && fresh.every(({ effect }, i) => effect === gone[i].effect);
+  const changes = (effect, i) => Object.entries(effect).filter(([name, value]) => !same(value, gone[i][name])).flatMap(([option, value]) => [{ option }, written(value)]);
+  const label = edited ? fresh.flatMap((effect, i) => [termOf(gone[i]), ...changes(effect, i)]) : [...fresh.flatMap((one) => ["+", termOf(one)]), ...gone.flatMap((one) => ["−", termOf(one)])];
+  return label.length ? label : [model.name];
+}
+
 /** The label of a step in the language in use. */
 export const labelWord = (label) =>
-  [label].flat().map((part) => (part.effect ? effectWord(part.effect) : part.option ? or(`workbench.option.${part.option}`, part.option) : part)).join(" ");
+  label.map((part) => (part.effect ? effectWord(part.effect) : part.option ? or(`workbench.option.${part.option}`, part.option) : part)).join(" ");
 
 /** The state after an action. */
 export function change(state, action) {
   const { chosen, steps, at } = state;
   const model = steps[at].model;
-  const grown = (next, name) => ({ ...state, steps: [...steps.slice(0, at + 1), { model: next, label: name }], at: at + 1, picture: "" });
+  const grown = (next) => ({ ...state, steps: [...steps.slice(0, at + 1), { model: next }], at: at + 1, picture: "", wrong: null });
   switch (action.type) {
     case "choose":
       return { ...state, chosen: action.runs, steps: steps.slice(0, 1), at: 0, of: "", zoom: "", picture: "", compare: "", output: "" };
@@ -31,19 +44,17 @@ export function change(state, action) {
         return action.role === "static" && one.role === "static" ? { ...one, role: "check" } : one;
       }) };
     case "model":
-      return { ...state, steps: [{ model: action.model, label: action.model.name }], at: 0, picture: "" };
+      return { ...state, steps: [{ model: action.model }], at: 0, picture: "", wrong: null };
     case "settle":
-      return { ...state, steps: steps.map((step, i) => (i === at ? { ...step, model: action.model } : step)) };
+      return { ...state, steps: steps.map((step, i) => (i === at ? { model: action.model } : step)) };
     case "edit":
-      return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) },
-        [termOf(model.effects[action.index]), { option: action.option }, written(action.value)]);
+      return grown({ ...model, effects: model.effects.map((one, i) => (i === action.index ? { ...one, [action.option]: action.value } : one)) });
     case "add":
-      return grown(action.model ?? { ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] },
-        action.effects.flatMap((one) => ["+", termOf(one)]));
+      return grown(action.model ?? { ...model, name: [model.name, ...action.effects.map(({ effect }) => effect)].join(" + "), effects: [...model.effects, ...action.effects] });
     case "remove": {
       const left = model.effects.filter((_, i) => i !== action.index);
       const gone = model.effects[action.index];
-      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }, ["−", termOf(gone)]) : state;
+      return left.length ? grown({ ...model, name: `${model.name} − ${gone.effect}`, effects: left }) : state;
     }
     case "undo":
       return { ...state, at: Math.max(0, at - 1), picture: "" };
@@ -70,9 +81,11 @@ const VIEW = { output: "", figure: "time", of: "", over: "temperature", left: ""
 /** Whether two models are the same. */
 export const same = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
-/** The model of an address: the first one where it names none, null where it cannot be read. */
+/** Steps in an address, the newest: as many as the ladder shows. */
+export const MOST_STEPS = 7;
+
+/** A model of an address, null where it cannot be read. */
 function modelIn(text) {
-  if (text === null) return START_MODEL;
   try {
     const model = JSON.parse(text);
     const { name, effects } = model;
@@ -82,23 +95,24 @@ function modelIn(text) {
   }
 }
 
-/** State of an address; `kept` {steps, at} are the models before and after its own. `wrong`: its model cannot be read. */
+/** State of an address; `kept` {steps, at, wrong} also has what is not in it: steps that were undone. `wrong`: what it has in place of a model, as a name that somebody typed. */
 export function stateOf(text, kept = null) {
   const search = new URLSearchParams(text);
-  const model = modelIn(search.get("model"));
-  const begin = model ?? START_MODEL;
+  const given = search.getAll("model");
+  const wrong = given.find((one) => !modelIn(one)) ?? null;
+  const steps = (wrong !== null || !given.length ? [START_MODEL] : given.map(modelIn)).map((model) => ({ model }));
   return {
     chosen: ROLES.flatMap((role) => search.getAll(PARAMETERS[role]).map((run) => ({ run, role }))),
-    ...(kept ?? { steps: [{ model: begin, label: begin.name }], at: 0 }),
     ...Object.fromEntries(Object.entries(VIEW).map(([key, value]) => [key, search.get(key) ?? value])),
-    wrong: !model,
+    wrong: null,
+    ...(kept ?? { steps, at: steps.length - 1, wrong }),
   };
 }
 
-/** Address of a state, without its page: runs, the model unless it is the first one, what is shown unless it is the default. */
+/** Address of a state, without its page: runs, the models up to the one in use unless it is the first one, what is shown unless it is the default. */
 export function addressOf({ chosen, steps, at, ...view }) {
   const search = new URLSearchParams(chosen.map(({ run, role }) => [PARAMETERS[role], run]));
-  if (!same(steps[at].model, START_MODEL)) search.set("model", JSON.stringify(steps[at].model));
+  if (at || !same(steps[0].model, START_MODEL)) for (const { model } of steps.slice(0, at + 1).slice(-MOST_STEPS)) search.append("model", JSON.stringify(model));
   for (const [key, value] of Object.entries(VIEW)) if (view[key] !== value) search.set(key, view[key]);
   return search.size ? `?${search}` : "";
 }
