@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse, stats
 
+from bench.analysis import load_limits
 from bench.archive.fleet import statistics as judging
 from bench.archive.fleet import units as reading
 from bench.archive.fleet.board import overview
@@ -14,6 +15,7 @@ from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
 from bench.archive.fleet.drift import drifts as drifts_of
+from bench.archive.fleet.figures import yields
 from bench.archive.fleet.groups import coded, median, medians
 from bench.archive.fleet.mixed import Columns
 from bench.archive.fleet.statistics import statistics
@@ -265,6 +267,24 @@ def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
     assert "station-B" in html
     assert "Stations that left their level" in html
     assert 'src="http' not in html
+
+
+def test_the_yield_over_time_is_that_of_the_first_attempts_of_each_week(tmp_path):
+    """Weeks begin on Monday; a unit that passed when it was repeated failed in the week of its first run."""
+    for number in range(40):
+        failed = number in {8, 9, 37}  # two units in the week of 2026-03-16, one in that of 2026-05-11
+        station(tmp_path, f"L0-{number:04d}", "A", 2.0 * number, residual=0.25 if failed else 0.12)
+    station(tmp_path, "L0-0008", "A", 60.0, residual=0.12)
+    limits = tmp_path / "limits.yaml"
+    limits.write_text(LIMITS)
+    assert bench("registry", "rebuild", "--out", tmp_path).exit_code == 0
+    with open_registry(tmp_path / FILE) as registry:
+        found = statistics(fleet_of(registry), load_limits(limits))
+    (points,) = yields(*found.attempts)["data"]
+    told = dict(zip(points["x"], points["text"], strict=True))
+    assert told["2026-03-19T12:00:00Z"] == "2026-03-17 … 2026-03-21<br>33.3 % (1 / 3)"
+    assert (found.passes.first, sum(share < 100 for share in points["y"])) == (37, 2)
+    assert yields(found.attempts[0][:5], found.attempts[1][:5])["data"][0]["text"][0] == "2026-03-01<br>100.0 % (1 / 1)"
 
 
 def test_a_fleet_is_counted_without_an_object_for_each_unit(made, monkeypatch):

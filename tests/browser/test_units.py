@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from bench.archive.fleet.figures import yields
 from bench.commands import registry_rebuild
 from bench.record import DiagnosisRecord
 from tests.support.fleet_runs import BEGIN, line
@@ -155,6 +156,48 @@ def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.locator(".main-svg").first.wait_for()
     page.locator(".st-attention").get_by_role("link", name="L0-0020").click()
     page.get_by_role("heading", name="L0-0020").wait_for()
+
+
+def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chosen(page):
+    passed = np.arange(48) % 9 > 0
+    chart = {"name": "yield", "figure": yields(np.arange(48) * 1e5, passed), "histogram": None, "units": [], "runs": [],
+             "signals": [], "all": 48}  # fmt: skip
+
+    def judged(route):
+        answer = route.fetch()
+        fleet = answer.json()
+        fleet["yield"] = {"judged": 48, "first": 42, "final": 42, "interval": [0.75, 0.94], "first_pass": 0.875}
+        for one in fleet.get("quantities", []):  # it is being counted at first
+            one["capability"] = {"cpk": None, "cpk_interval": [None, None], "ppk": 0.6, "outside": 1}
+        route.fulfill(response=answer, json=fleet)
+
+    page.route("**/api/v1/fleet?*", judged)
+    page.route("**/api/v1/fleet/charts/yield?*", lambda route: route.fulfill(json=chart))
+    page.goto("/fleet?q=L")
+    drawn = page.get_by_role("group", name="First-pass yield of 48 judged units")
+    drawn.locator(".scatterlayer .points path").first.wait_for()
+    assert page.locator(".st-tile", has_text="Least Cpk").get_by_text("far from normal").count() == 1
+
+
+def test_a_station_that_drifts_is_not_named_again_for_its_shift(page):
+    drift = {"kind": "station", "place": "station-B", "quantity": "noise_floor_dph", "change": 0.001, "error": 0.0001,
+             "p": 0.001, "count": 20, "unit": "deg/h"}  # fmt: skip
+    shifts = [{"place": place, "quantity": "noise_floor_dph", "chart": "cusum", "change": 0.005, "since": "L0-0020",
+               "since_created": "2026-04-09T04:48:00+00:00", "unit": "L0-0030", "before": 20, "count": 9,
+               "unit_of_value": "deg/h"} for place in ("station-A", "station-B")]  # fmt: skip
+
+    def moved(route):
+        answer = route.fetch()
+        fleet = answer.json()
+        fleet |= {"drifts": [drift], "shifts": shifts}
+        fleet["attention"] = {**fleet.get("attention", {}), "stations": ["station-B"]}
+        route.fulfill(response=answer, json=fleet)
+
+    page.route("**/api/v1/fleet?*", moved)
+    page.goto("/fleet?q=L")
+    lines = page.locator(".st-attention li")
+    lines.filter(has_text=re.compile("^Drifting stations: station-B$")).wait_for()
+    lines.filter(has_text=re.compile("^Shifted stations: station-A$")).wait_for()
 
 
 def test_a_shift_of_a_station_has_its_day_and_what_no_cpk_is_known_of_has_none(page):

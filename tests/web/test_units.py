@@ -123,6 +123,8 @@ def test_the_fleet_is_told_in_numbers_and_drawn_a_figure_at_a_time(client):
     assert chart["units"][20] == "L0-0020"
     assert {"rule": 1, "unit": "L0-0020", "at": 21, "text": "beyond three sigma"} in chart["signals"]
     assert client.get(f"{API}/fleet/charts/distances", params={"q": "L"}).json()["figure"]["data"]
+    (passed,) = client.get(f"{API}/fleet/charts/yield", params={"q": "L", "limits": "line"}).json()["figure"]["data"]
+    assert set(passed["y"]) == {100.0}
     assert client.get(f"{API}/fleet/charts/nothing").status_code == 404
     assert client.get(f"{API}/fleet", params={"limits": "../../line"}).status_code == 404
     assert client.get(f"{API}/fleet", params={"q": "(a+)+$"}).json()["units"] == 0, "text, not a pattern"

@@ -17,6 +17,8 @@ from bench.archive.fleet.units import Calibrated
 
 DISTANCES = "distances"
 """Name of the figure of all units against their lots."""
+YIELD = "yield"
+"""Name of the figure of the first-pass yield over time."""
 
 Found = dict[str, Any]
 
@@ -75,6 +77,9 @@ def drawn(found: Statistics) -> dict[str, Found]:
             "name": DISTANCES, "figure": plot, "histogram": None, "units": [one.unit for one in newest],
             "runs": [one.path for one in newest], "signals": [], "all": len(found.fleet.newest),
         }  # fmt: skip
+    if found.passes.judged:
+        figures_of[YIELD] = {"name": YIELD, "figure": figures.yields(*found.attempts), "histogram": None, "units": [],
+                             "runs": [], "signals": [], "all": found.passes.judged}  # fmt: skip
     return figures_of
 
 

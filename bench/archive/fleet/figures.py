@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
+from bench.archive.fleet.capability import proportion
 from bench.archive.fleet.charts import Chart
+from bench.archive.fleet.drift import DAY_S
 from bench.archive.fleet.groups import coded
 from bench.archive.fleet.statistics import Statistics
-from bench.base import FloatArray, in_print
+from bench.base import BoolArray, FloatArray, IntArray, in_print
 from bench.deliver import (
     BLUE,
     CYCLE,
@@ -32,6 +35,8 @@ UNITS = "unit, in order of time"
 MOST = 4000
 """Units in a figure, the newest: more cannot be told apart."""
 _MOST_BARS = 60
+MOST_PERIODS = 31
+"""Days, or weeks, beyond which a yield is told by the next longer period."""
 
 
 def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, float | None]) -> Plot:
@@ -82,6 +87,42 @@ def histogram(values: FloatArray, unit: str, limits: tuple[float | None, float |
         "shapes": lines, "annotations": labels, "showlegend": False, "bargap": 0,
     }  # fmt: skip
     return plot([bars], layout, 300)
+
+
+def yields(time_s: FloatArray, passed: BoolArray) -> Plot:
+    """First-pass yield with 95 % of it by day, week or month (UTC) of attempts (n,): as fine as a figure can show."""
+    days = np.floor(time_s / DAY_S).astype(np.int64)
+    many, monday = int(np.ptp(days)) + 1, (days + 3) // 7 * 7 - 3  # the first day of 1970 was a Thursday
+    period = days if many <= MOST_PERIODS else monday if many <= 7 * MOST_PERIODS else _dates(days).astype("M8[M]")
+    _, place = np.unique(period, return_inverse=True)
+    whole, part = np.bincount(place), np.bincount(place, passed).astype(np.int64)
+    first, last = np.full(whole.size, days.max()), np.full(whole.size, days.min())
+    np.minimum.at(first, place, days)
+    np.maximum.at(last, place, days)
+    pairs = list(zip(part.tolist(), whole.tolist(), strict=True))
+    spans = [" … ".join(dict.fromkeys(map(str, pair))) for pair in zip(_dates(first), _dates(last), strict=True)]
+    share = 100.0 * part / whole
+    low, high = 100.0 * np.array([proportion(*pair) for pair in pairs]).T
+    points = go.Scatter(
+        x=[f"{day}T12:00:00Z" for day in _dates((first + last) // 2)],  # by the clock of every zone the same day
+        y=share.tolist(), mode="lines+markers", name="first-pass yield", marker={"color": BLUE, "size": 9},
+        line={"color": BLUE, "width": 1.2},
+        error_y={"type": "data", "symmetric": False, "array": (high - share).tolist(),
+                 "arrayminus": (share - low).tolist(), "color": GREY, "thickness": 1.2},
+        text=[f"{span}<br>{100 * good / of:.1f} % ({good} / {of})" for span, (good, of) in
+              zip(spans, pairs, strict=True)],
+        hovertemplate="%{text}<extra></extra>",
+    )  # fmt: skip
+    layout: dict[str, Any] = {
+        "xaxis": axis("UTC", type="date", tickangle=0, nticks=6),
+        "yaxis": axis("[%]"),
+        "showlegend": False,
+    }
+    return plot([points], layout, 300)
+
+
+def _dates(days: IntArray) -> NDArray[np.datetime64]:
+    return days.astype("M8[D]")
 
 
 def named(drawn: Plot, labels: Sequence[str]) -> Plot:

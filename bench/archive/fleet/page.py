@@ -31,7 +31,7 @@ class _Word:
 
 def render(found: Statistics) -> str:
     """The page as HTML text."""
-    sections = [_capability(found), _drift(found), _shifts(found), _unlike(found), *_charts(found)]
+    sections = [*_yields(found), _capability(found), _drift(found), _shifts(found), _unlike(found), *_charts(found)]
     newest = found.fleet.newest
     return html_page(
         sections,
@@ -101,6 +101,12 @@ def _numbers(found: Statistics) -> Iterable[Headline]:
     yield Headline("units", str(len(found.fleet.newest)), "",
                    f"{len({one.lot for one in found.fleet.newest})} lots, "
                    f"{len({one.station for one in found.fleet.newest})} stations")  # fmt: skip
+
+
+def _yields(found: Statistics) -> Iterable[Section]:
+    if found.passes.judged:
+        caption = "First-pass yield over the days of the units' first judged runs (UTC), with 95 % of it."
+        yield Section("yield", "Yield over time", figure("yield", figures.yields(*found.attempts), caption, caption))
 
 
 def _capability(found: Statistics) -> Section:

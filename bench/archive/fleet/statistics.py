@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -79,6 +78,8 @@ class Statistics:
     shifts: tuple[Shift, ...] = ()
     charts: tuple[ControlChart, ...] = ()
     """Those that `shifts` come from."""
+    attempts: tuple[FloatArray, BoolArray] = field(default_factory=lambda: (np.empty(0), np.empty(0, bool)))
+    """Time [s] of each judged unit's first attempt that was judged (n,), and whether it passed."""
 
     def to_json(self) -> dict[str, Any]:
         """The answer of `bench fleet --json`; null where a number does not exist."""
@@ -152,9 +153,10 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
         table[one.rows, column] = one.values
     distances, odd = unlike(table, [one.name for one in whole], fleet.lots)
     name = limits.name if limits else None
-    passes = _yield(fleet, limits, verdicts)
+    attempts = _attempts(fleet, limits, verdicts)
+    passes = _yield(attempts[1], verdicts)
     return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing,
-                      tuple(sorted(moved, key=lambda one: one.since)), charts)  # fmt: skip
+                      tuple(sorted(moved, key=lambda one: one.since)), charts, attempts)  # fmt: skip
 
 
 def _moves(
@@ -171,15 +173,19 @@ def _moves(
     return found, list(shifts(levelled, one.name, charts))
 
 
-def _yield(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> Yield:
-    pairs = Counter(zip(words(fleet.first, limits).tolist(), newest, strict=True))
-    judged = {(first, last): many for (first, last), many in pairs.items() if decided(last)}
-    # An attempt that was not judged is no attempt.
-    passed = sum(many for (first, last), many in judged.items() if good(first if decided(first) else last))
-    final = sum(many for (_, last), many in judged.items() if good(last))
-    unjudged = sum(many for (_, last), many in pairs.items() if last is not None and not decided(last))
-    count = sum(judged.values())
-    return Yield(count, passed, final, proportion(passed, count), unjudged)
+def _attempts(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> tuple[FloatArray, BoolArray]:
+    """Those of units whose newest run was judged; an attempt that was not judged is no attempt."""
+    first = words(fleet.first, limits).tolist()
+    time_s = np.where([decided(word) for word in first], fleet.first.time_s, fleet.newest.time_s)
+    passed = [good(one if decided(one) else other) for one, other in zip(first, newest, strict=True)]
+    judged = np.array([decided(word) for word in newest], dtype=bool)
+    return time_s[judged], np.array(passed, dtype=bool)[judged]
+
+
+def _yield(passed: BoolArray, newest: tuple[str | None, ...]) -> Yield:
+    first, final = int(passed.sum()), sum(map(good, newest))
+    unjudged = sum(word is not None and not decided(word) for word in newest)
+    return Yield(passed.size, first, final, proportion(first, passed.size), unjudged)
 
 
 def _counting(verdicts: Sequence[str | None], missing: Sequence[str]) -> BoolArray:

@@ -224,7 +224,7 @@ def diagnose(
 
 @router.get("/fleet/charts/{name}", responses=COUNTING)
 def chart(name: Annotated[str, Field(max_length=100)], stock: Stocked, here: Here, chosen: Choice) -> FleetFigure:
-    """The control chart of a quantity, or `distances` of all units from their lots."""
+    """The control chart of a quantity, `distances` of all units from their lots, or `yield` over time."""
     _require(stock)
     found = _counted(stock, here, chosen)
     if name == OVERVIEW or name not in found.parts:

@@ -20,7 +20,10 @@ const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i
 const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 
 function Attention({ fleet }) {
-  const { outside, unjudged, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
+  const { outside, unjudged, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
+  // A station that drifts has also left its level: that is told once.
+  const drifts = ({ place, quantity }) => fleet.drifts.some((one) => one.kind === "station" && one.place === place && one.quantity === quantity);
+  const shifted = [...new Set(fleet.shifts.filter((one) => !drifts(one)).map(({ place }) => place))];
   if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${fleet.quantities.some(({ signals }) => signals !== null) ? t("fleet.quiet") : t("fleet.quiet_few")}<//></p></div>`;
   const lines = [
@@ -43,7 +46,7 @@ function Headline({ fleet }) {
   return html`<div class="st-tiles">
     <${Tile} what=${t("fleet.yield")} value=${passes.judged ? number(100 * passes.first_pass, 1) : "–"} unit="%" tone=${passes.judged ? (passes.final < passes.judged ? "warn" : "good") : undefined}
       more=${passes.judged ? t("fleet.yield_more", { first: passes.first, judged: passes.judged, low: percent(passes.interval[0]), high: percent(passes.interval[1]) }) : t("fleet.unjudged")} />
-    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantityWord(worst.name) : t("fleet.no_limits")} />
+    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantityWord(worst.name) : t(fleet.quantities.some((one) => one.capability) ? "fleet.no_cpk" : "fleet.no_limits")} />
     <${Tile} what=${t("units.title")} value=${number(fleet.units, 0)} more=${t("fleet.units_more", { lots: fleet.lots, stations: fleet.stations })} />
     <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since_day", { day: day(fleet.first) })} />
   </div><p class="soft small">${t("fleet.counts")}</p>`;
@@ -77,15 +80,19 @@ function Capability({ fleet, chosen, choose }) {
     ${charted.some((one) => one.capability) && html`<p class="soft small">${t("fleet.cpk_note")}</p>`}`;
 }
 
+/** Figure of the first-pass yield over time. */
+const YIELD = "yield";
+const HEIGHTS = { distances: 400, [YIELD]: 300 };
+
 function Control({ name, params, anchor }) {
   const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(params));
   const pick = (x) => data && navigate(`/verdict/${data.runs[Math.round(x) - 1].split("/").map(encodeURIComponent).join("/")}`);
   const distances = name === "distances";
-  const title = distances ? t("fleet.distances") : quantityWord(name);
-  const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
+  const title = distances ? t("fleet.distances") : name === YIELD ? t("fleet.over_time") : quantityWord(name);
+  const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : name === YIELD ? t("fleet.over_time_words", { n: data.all }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
   return html`<section class="stack" ref=${anchor} aria-label=${title}><h3>${title}</h3>
     <${Trouble} error=${error} retry=${again} />
-    ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${distances ? 400 : 460} onPick=${pick} />` : !error && html`<${Busy} />`}
+    ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${HEIGHTS[name] ?? 460} onPick=${data.runs.length > 0 && pick} />` : !error && html`<${Busy} />`}
     ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
@@ -189,6 +196,7 @@ function Board({ fleet, params }) {
     anchor.current?.scrollIntoView({ block: "nearest", behavior: "smooth" });
   };
   return html`<${Attention} fleet=${fleet} /><${Headline} fleet=${fleet} />
+    ${fleet.yield.judged > 0 && html`<${Control} name=${YIELD} params=${params} />`}
     <section class="stack" aria-labelledby="cap"><h2 id="cap">${t("fleet.capability")}</h2><${Capability} fleet=${fleet} chosen=${chosen} choose=${choose} /></section>
     <section class="stack" aria-labelledby="failures"><h2 id="failures">${t("fleet.failures")}</h2><${Failures} fleet=${fleet} /></section>
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
