@@ -167,6 +167,9 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     table = page.get_by_role("table", name="Ж-1")
     why = table.get_by_role("cell").first.inner_text().split()
     assert why == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"
+    assert page.locator(".verdict-units a:visible").count() == 6
+    page.emulate_media(media="print")
+    assert page.locator(".verdict-units a:visible").count() == 0, "nobody clicks on paper"
 
 
 @pytest.mark.parametrize(
@@ -195,6 +198,11 @@ def test_the_verdict_on_each_quantity_is_in_sight_without_scrolling_sideways(sit
         quantity, verdict = (row.locator(f":scope > :{place}-child").bounding_box() for place in ("first", "last"))
         assert abs(verdict["y"] - quantity["y"]) < 2, "beside the quantity"
         assert verdict["x"] + verdict["width"] <= width
+    page.emulate_media(media="print")
+    page.set_viewport_size({"width": 718, "height": 1047})  # A4 between its margins
+    assert frame.evaluate("(frame) => frame.scrollWidth - frame.clientWidth") == 0
+    lines = "(rows) => rows.map((row) => new Set([...row.cells].map((cell) => cell.getBoundingClientRect().y)).size)"
+    assert set(page.locator(".verdict-reasons tr").evaluate_all(lines)) == {1}, "a line of paper for each quantity"
 
 
 def test_who_may_not_use_the_workbench_is_not_led_to_it(tmp_path, project, visitors):
