@@ -266,10 +266,15 @@ def test_the_file_is_small_and_figures_do_not_grow_with_the_run(whole: Analysis)
 
 
 def test_gaps_stay_gaps_in_figures() -> None:
-    values = np.array([1.0, np.nan, 3.0])
-    trace = plotting.line_trace(np.arange(3.0), values, "x", plotting.BLUE).to_plotly_json()
-    assert list(trace["y"]) == [1.0, None, 3.0]
+    values = np.array([1.0, 2.0, np.nan, 3.0, 4.0])
+    trace = plotting.line_trace(np.arange(5.0), values, "x", plotting.BLUE).to_plotly_json()
+    assert list(trace["y"]) == [1.0, 2.0, None, 3.0, 4.0]
     assert trace["connectgaps"] is False
+
+
+def test_values_of_a_slow_log_are_seen_though_each_has_gaps_about_it() -> None:
+    values = np.where(np.arange(600) % 60 == 0, 1.0, np.nan)
+    assert plotting.line_trace(np.arange(600.0), values, "x", plotting.BLUE).connectgaps is True
 
 
 def test_the_same_run_gives_the_same_page(whole: Analysis) -> None:

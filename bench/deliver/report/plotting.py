@@ -98,11 +98,13 @@ def thin(values: FloatArray, most: int = MAX_POINTS) -> IntArray:
 
 
 def line_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any) -> go.Scatter:
-    """A thinned line; gaps are not connected."""
+    """A thinned line; gaps are not connected, except where most values have one on either side, as of a slow log."""
     rows = thin(y)
+    known = np.isfinite(y)
+    slow = 2 * np.count_nonzero(known[1:] & known[:-1]) < np.count_nonzero(known)
     style = {"color": colour, "width": more.pop("width", 1.6), "dash": more.pop("dash", "solid")}
     return go.Scatter(
-        x=plain(x[rows]), y=plain(y[rows]), name=name, mode="lines", line=style, connectgaps=False, **more
+        x=plain(x[rows]), y=plain(y[rows]), name=name, mode="lines", line=style, connectgaps=bool(slow), **more
     )
 
 
