@@ -1,6 +1,7 @@
 // One serial number for each slot of a station: scanned or typed, Enter goes to the next slot.
 import { useTyping } from "../../lib/parts.js";
 import { html, useRef, useState } from "../../lib/preact.js";
+import { session } from "../../lib/store.js";
 import { inSlot, repeated, same } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 
@@ -19,6 +20,9 @@ export const doubledIn = (slots, serials, meant) => slots.find((slot) => serials
 /** Asks for the serial number that is meant: the one that is repeated, or the whole as it was typed. */
 export const Doubled = ({ serial, single, take }) => html`<div class="notice warn"><p>${t("start.doubled", { serial, single })}</p>
   <div class="row">${[single, serial].map((one) => html`<button type="button" key=${one} class="mono" onClick=${() => take(one)}>${one}</button>`)}</div></div>`;
+
+/** What to do with a badge that was read where a serial number is asked for. The server is not asked whether it is one: that would tell who guesses. */
+export const NoBadge = () => session.get().pin_s && html`<p>${t("start.unknown_badge", { leave: t("pin.leave") })}</p>`;
 
 /** The units, each in its slot, as the API names them. */
 export const unitsIn = (slots, serials) => slots.filter((slot) => serials[slot]?.trim())
@@ -61,7 +65,7 @@ export function SlotsForm({ station, answer, back }) {
   };
   return html`<form class="slots" ref=${form} onSubmit=${submit} aria-labelledby="slots-title">
     <h2 id="slots-title">${t("start.slots_title", { station: station.title })}</h2>
-    <p class="soft" id="slots-hint">${t("start.slots_hint")}</p>
+    <p class="soft" id="slots-hint">${t("start.slots_hint")}</p><${NoBadge} />
     ${station.units.map((slot) => html`<div key=${slot} class="field"><label for=${`slot-${slot}`}>${t("start.slot", { slot })}</label>
       <input id=${`slot-${slot}`} class="mono" autocomplete="off" autocapitalize="characters" spellcheck=${false} maxlength="64" aria-describedby="slots-hint" value=${serials[slot] ?? ""}
         onKeyDown=${enter} onInput=${(event) => setSerials({ ...serials, [slot]: event.target.value })} /></div>`)}

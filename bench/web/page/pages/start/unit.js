@@ -4,7 +4,7 @@ import { Trouble, useTyping } from "../../lib/parts.js";
 import { inSlot, repeated, same } from "../../lib/units.js";
 import { stationName } from "../../lib/names.js";
 import { t } from "../../lib/words.js";
-import { Doubled, SlotsForm } from "./slots.js";
+import { Doubled, NoBadge, SlotsForm } from "./slots.js";
 
 /** Characters that a serial number may have. */
 const LONGEST = 64;
@@ -46,7 +46,7 @@ export function UnitQuestion({ stations, last, given, answer }) {
   if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
-    <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p></div>`}
+    <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p><${NoBadge} /></div>`}
       ${doubled.single && html`<${Doubled} ...${doubled} take=${(serial) => {
         take(serial, true);
         setChosen(serial);
