@@ -23,7 +23,8 @@ from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.thresholds import EXPLAINED_RATIO, NEAREST_RATIO
 from bench.base import number, user_name
-from bench.record import NotesRecord, prove
+from bench.deliver import coordinate_over, drawable_coordinates
+from bench.record import Dataset, NotesRecord, prove
 from bench.record.reading import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
@@ -212,6 +213,23 @@ def test_a_residual_is_drawn_over_whatever_the_run_has(client: httpx.Client, ove
     assert [row[2] for row in rows] == [row[2] for row in whole[1:]]
     assert {"time", "temperature", "dT_dt", over, "drive"} <= set(made["axes"])
     assert "rate" not in made["axes"]
+
+
+def test_a_residual_is_drawn_over_the_time_since_the_last_extreme_and_its_temperature(client: httpx.Client) -> None:
+    time_s = 60.0 * np.arange(100)
+    degc = np.interp(time_s, [0, 1800, 2400, 4200, 6000], [20, 50, 50, 20, 35])
+    zero = np.zeros(100)
+    data = Dataset("run", time_s, {"rate": zero, "temperature": degc}, zero.astype(np.int64), (), 60.0)
+    since, last = (coordinate_over(data, name).values for name in ("since_extreme", "last_extreme"))
+    assert np.isnan(since[:29]).all()
+    reached = 30 + np.flatnonzero(np.diff(since[30:]) < 0) + 1
+    assert abs(int(reached[0]) - 70) <= 1
+    assert np.ptp(since[35:65] - time_s[35:65] / 60) == 0, "the stay counts from the moment that it began"
+    np.testing.assert_allclose([last[50], last[90]], [50, 20], atol=1)
+    body = {"kind": "axes", "runs": [RUN], "model": SPLINE, "over": "last_extreme"}
+    assert {"since_extreme", "last_extreme"} <= set(done(client, "/figures", body)["axes"])
+    still = Dataset("run", time_s, {"rate": zero, "temperature": zero}, zero.astype(np.int64), (), 60.0)
+    assert "since_extreme" not in drawable_coordinates(still)
 
 
 def test_residuals_of_all_runs_lie_over_each_other_and_a_selected_time_holds_for_every_axis(
@@ -455,8 +473,8 @@ def test_notes_and_views_stay_with_the_run_whoever_writes_at_the_same_time(clien
     assert {answer.status_code for answer in answers} == {201}
     for address in ("?run=a&figure=map", "?run=a&figure=loop"):
         client.put(f"{place}/views/до ремонту", json={"address": address}).raise_for_status()
-    client.put(f"{place}/views/second", json={"address": "?run=b"}).raise_for_status()
-    client.delete(f"{place}/views/second").raise_for_status()
+    client.put(f"{place}/views/dT/dt, second", json={"address": "?run=b"}).raise_for_status()
+    client.delete(f"{place}/views/dT/dt, second").raise_for_status()
     kept = client.get(f"{place}/notes").json()
     assert sorted(note["text"] for note in kept["notes"]) == sorted(texts)
     assert {note["who"] for note in kept["notes"]} == {user_name()}
@@ -465,14 +483,12 @@ def test_notes_and_views_stay_with_the_run_whoever_writes_at_the_same_time(clien
     assert NotesRecord.read(store / OTHER).content() == kept
 
 
-@pytest.mark.parametrize("address", ["//evil.example/", "?a b", "javascript:alert(1)", "?" + "a" * 8000])
+@pytest.mark.parametrize("address", ["//evil.example/", "?a b", "javascript:alert(1)", "?" + "a" * 16000])
 def test_a_view_is_a_state_of_the_workbench_and_nothing_else(client: httpx.Client, address: str) -> None:
     assert client.put(f"{API}/runs/{OTHER}/views/x", json={"address": address}).status_code == 422
 
 
 def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
-    from bench.record.dataset import Dataset
-
     time = np.arange(100.0) + 0.5
     rate = np.sin(time)
     rate[40] = 99.0

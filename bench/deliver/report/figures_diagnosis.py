@@ -10,7 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from bench.analysis import Detectable, Effect, Place, Rung, SuspectedEffect
-from bench.base import CHANNELS, FloatArray, in_print
+from bench.base import CHANNELS, FloatArray, IntArray, in_print
 from bench.deliver.report import plotting
 from bench.deliver.report.figures_model import RESIDUAL
 from bench.deliver.report.figures_run import HOUR_S, TEMPERATURE
@@ -20,6 +20,7 @@ from bench.record import Dataset
 EFFECT = "effect"
 """Mark (`meta`) of the curves that have the name of an effect."""
 _SLOPE = "dT/dt [°C/min]"
+_SINCE = {"since_extreme": "since the last extreme [min]", "last_extreme": "temperature at the last extreme [°C]"}
 _CELL_ROWS = 3
 _LEAST_SCALE = 2.0  # floors at full colour: means of a few rows scatter by half a floor
 _COLUMNS, _LINES = 18, 11
@@ -59,7 +60,23 @@ def coordinate(data: Dataset, effect: Effect) -> Coordinate:
 
 def drawable_coordinates(data: Dataset) -> set[str]:
     """Names that a residual can be drawn over."""
-    return {"time", "dT_dt", *data.channels}
+    return {"time", "dT_dt", *data.channels, *(_SINCE if extremes(data).size else ())}
+
+
+def extremes(data: Dataset) -> IntArray:
+    """Rows at which the temperature reached an extreme: it moved on in the other direction, at once or after a stay."""
+    moving = np.flatnonzero(data.direction)
+    reached: IntArray = moving[:-1][np.diff(data.direction[moving]) != 0]
+    return reached
+
+
+def _since_extreme(data: Dataset, name: str) -> FloatArray:
+    """Time [min] since the last extreme, or the temperature there (n,); NaN before the first one."""
+    reached = extremes(data)
+    last = np.searchsorted(reached, np.arange(len(data)), side="right") - 1
+    row = reached[np.maximum(last, 0)]
+    values = (data.time - data.time[row]) / 60.0 if name == "since_extreme" else data.channel("temperature")[row]
+    return np.where(last < 0, np.nan, values)
 
 
 def coordinate_over(data: Dataset, name: str) -> Coordinate:
@@ -70,6 +87,8 @@ def coordinate_over(data: Dataset, name: str) -> Coordinate:
         return Coordinate(data.dT_dt, _SLOPE, False)
     if name == "temperature":
         return Coordinate(data.channel("temperature"), TEMPERATURE, True)
+    if name in _SINCE and name not in data.channels:
+        return Coordinate(_since_extreme(data, name), _SINCE[name], False)
     unit = in_print(CHANNELS[name].unit) if name in CHANNELS else "as recorded"
     return Coordinate(data.channels[name], f"{name.replace('_', ' ')} [{unit}]", False)
 

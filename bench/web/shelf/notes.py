@@ -18,7 +18,7 @@ from bench.web.shelf.indexing import index_of, resolved
 router = APIRouter(tags=["runs"])
 MOST = 500
 """Notes, and views, of one run."""
-Name = Annotated[str, Part(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f/]+$")]
+Name = Annotated[str, Part(min_length=1, max_length=80, pattern=r"^[^\x00-\x1f]+$")]
 
 
 class Writing(BaseModel):
@@ -46,14 +46,14 @@ def note(request: Request, unit: str, run: str, wanted: Writing, who: Operator) 
     return _changed(request, unit, run, lambda known: known.noted(made))
 
 
-@router.put("/runs/{unit}/{run}/views/{name}")
+@router.put("/runs/{unit}/{run}/views/{name:path}")
 def keep(request: Request, unit: str, run: str, name: Name, wanted: Shown, who: Operator) -> NotesRecord:
     """Save a view; it takes the place of one of the same name."""
     made = View(name=name, address=wanted.address, who=who.name, utc=_now())
     return _changed(request, unit, run, lambda known: known.kept(made))
 
 
-@router.delete("/runs/{unit}/{run}/views/{name}")
+@router.delete("/runs/{unit}/{run}/views/{name:path}")
 def remove(request: Request, unit: str, run: str, name: Name, who: Operator) -> NotesRecord:
     """Remove a view."""
     return _changed(request, unit, run, lambda known: known.without(name))

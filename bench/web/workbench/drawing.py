@@ -273,7 +273,8 @@ def axes(drawing: Drawing) -> Figure:
         raise InputError(f"{drawing.of.id} has no channel '{drawing.over}': choose one of {', '.join(known)}")
     if drawing.every:
         return {**_axes_of_all(drawing), "axes": known}
-    x, fitted, shown = coordinate_over(data, drawing.over), drawing.model is not None, _inside(data, drawing)
+    x, fitted = coordinate_over(data, drawing.over), drawing.model is not None
+    shown = _inside(data, drawing) & np.isfinite(x.values)
     if not shown.any():
         raise EmptyRangeError(f"{drawing.of.id}: nothing was captured in this range of temperature and time")
     data, x = data.select(shown), replace(x, values=x.values[shown])
@@ -297,8 +298,8 @@ def _axes_of_all(drawing: Drawing) -> Figure:
     values, spans, rows = [], [], []
     for one, zero in zip(own, zeros, strict=True):
         data = one.data()
-        shown = _inside(data, one)
         x, y = coordinate_over(data, drawing.over), data.bias - (one.fitted() if drawing.model else zero)
+        shown = _inside(data, one) & np.isfinite(x.values)
         if shown.any():
             values.append((one.of.id, x.values[shown], y[shown]))
             spans.append(said("of", name=one.of.id, span=span(y[shown])))
