@@ -127,6 +127,7 @@ def test_an_error_or_a_floor_that_is_not_known_says_why(page):
             (model,) = told["result"]["models"]
             model["held_out_rms_dph"] = None
             model["held_out"] = [{**model["held_out"][0], "rms_dph": None, "reason": "without block 7 of the run"}]
+            model["segments"] = [{**one, "floor_ratio": None} for one in model["segments"]]
             told["result"] |= {"floor_dph": None, "floor_reason": "no isothermal stretch of at least 5 minutes"}
         route.fulfill(json=told)
 
@@ -136,6 +137,8 @@ def test_an_error_or_a_floor_that_is_not_known_says_why(page):
     choose(page)
     page.get_by_text("held-out: without block 7 of the run").wait_for()
     page.get_by_text("noise floor: no isothermal stretch of at least 5 minutes").wait_for()
+    page.get_by_text("By segment, RMS [deg/h]").click()
+    assert not [text for text in page.locator(".wb-segments b").all_inner_texts() if "×" in text]
     page.wait_for_url("**model=*")
     assert ['"intervals":"auto"' in body for body in asked][:2] == [False, True], "the data choose, once"
     page.unroute_all(behavior="ignoreErrors")

@@ -20,7 +20,7 @@ from bench.record import Dataset
 EFFECT = "effect"
 """Mark (`meta`) of the curves that have the name of an effect."""
 _SLOPE = "dT/dt [°C/min]"
-_SINCE = {"since_extreme": "since the last extreme [min]", "last_extreme": "temperature at the last extreme [°C]"}
+_SINCE = {"since_extreme": "time since the last extreme [min]", "last_extreme": "temperature at the last extreme [°C]"}
 _CELL_ROWS = 3
 _LEAST_SCALE = 2.0  # floors at full colour: means of a few rows scatter by half a floor
 _COLUMNS, _LINES = 18, 11
@@ -45,7 +45,7 @@ class Coordinate:
     @property
     def by_direction(self) -> bool:
         """Whether means of heating and cooling say something; over time each stretch has one direction."""
-        return not self.title.startswith("time")
+        return not self.title.startswith("time [")
 
 
 def coordinate(data: Dataset, effect: Effect) -> Coordinate:

@@ -40,14 +40,16 @@ function Tile({ value, floor, title, mark, hint, where }) {
     ${where && html`<span class="wb-soft">${where}</span>`}</div>`;
 }
 
-/** The error of each part of the run, as multiples of the floor. */
+/** The error of each part of the run, as multiples of the floor, or in deg/h where no floor is known. */
 function BySegment({ segments }) {
   if (!segments?.length) return null;
-  const most = Math.max(1, ...segments.map((one) => one.floor_ratio ?? 0));
-  return html`<details class="wb-segments"><summary>${t("workbench.ladder.segments")}</summary>
+  const floor = segments.some((one) => one.floor_ratio !== null);
+  const of = (one) => (floor ? one.floor_ratio : one.rms_dph);
+  const most = Math.max(floor ? 1 : 0, ...segments.map((one) => of(one) ?? 0)) || 1;
+  return html`<details class="wb-segments"><summary>${t(floor ? "workbench.ladder.segments" : "workbench.ladder.segments_dph")}</summary>
     <ul>${segments.map((one, i) => html`<li key=${i}><span><${Written} text=${one.name} /></span>
-      <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (one.floor_ratio ?? 0)) / most}%` }}></span></span>
-      <b>${number(one.floor_ratio, 2)} ×</b></li>`)}</ul></details>`;
+      <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (of(one) ?? 0)) / most}%` }}></span></span>
+      <b>${floor ? `${number(one.floor_ratio, 2)} ×` : number(one.rms_dph)}</b></li>`)}</ul></details>`;
 }
 
 /** A message that begins with the folder of a run: without it, or with its title where there are several. */
