@@ -71,6 +71,7 @@ function Doctor({ station }) {
   const { result } = job;
   return html`<section class="panel stack" aria-labelledby="doctor"><h2 id="doctor">${t("doctor.title")}</h2><p class="small soft">${t("doctor.what")}</p>
     <p><button type="button" disabled=${job.busy} onClick=${() => job.act(url`/stations/${station}/doctor`, {})}>${t("doctor.ask")}</button></p>
+    <p class="small soft">${t("doctor.notify", { command: `bench doctor ${station}.yaml --notify` })}</p>
     <${Going} job=${job} />
     ${result && html`<p role="status"><${Lamp} tone=${result.agrees ? "good" : "bad"}>${t(result.agrees ? "doctor.all" : "doctor.differs")}<//></p>
       <div class="scroll" tabindex="0" role="region" aria-label=${t("doctor.title")}><table><tbody>${result.findings.map(({ what, verdict, detail, uncertain }) => html`
