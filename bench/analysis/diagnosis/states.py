@@ -51,6 +51,7 @@ def states(ranges: Ranges) -> list[Block]:
             _vapour(ranges, "chamber_temperature", "air's temperature"),
             _hinge(ranges),
             _turned(ranges, "chamber_temperature", "air's temperature"),
+            loop("chamber_temperature", ranges.of("chamber_temperature"), "degC"),
         ]
         blocks.append(_film("(chamber_temperature - temperature)", "the air is warmer than the unit"))
         blocks.append(_film("(temperature - chamber_temperature)", "the unit is warmer than the air"))
