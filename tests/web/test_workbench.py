@@ -532,7 +532,8 @@ def test_a_suspect_tells_everything_that_comes_with_it() -> None:
         told_of = diagnosing._pictured((), found, suspect, brief=True)
         assert [effect["effect"] for effect in told_of["add"]] == coming
     script = (
-        "console.log(JSON.stringify(page.change(page.stateOf(''), { type: 'add', effects: given }).steps[1].label))"
+        "const [before, after] = page.change(page.stateOf(''), { type: 'add', effects: given }).steps;"
+        "console.log(JSON.stringify(page.labelOf(after.model, before.model)))"
     )
     assert told("pages/workbench/state.js", script, told_of["add"]).count("+") == 2
 

@@ -217,14 +217,15 @@ class Describer:
     def _fewer(
         self, layout: Layout, explained: Explanation, beside: Sequence[_Ranked], borne: Borne
     ) -> tuple[DescribedFormula, ...]:
-        """Formulas beside the first of several effects, where all of them, with what fits `beside` them, leave more
-        than the noise on the check runs, and these prove one against the rest: that stood for what no effect is.
+        """Formulas beside the first of several effects, where one explains as much as the rest with what fits `beside`
+        all, or where all leave more than the noise on the check runs, and these prove one against the rest: that stood
+        for what no effect is.
         """
         steps, found = explained.steps, explained.layout
         if not self.check or len(steps) < 2:
             return ()
         left = beside[0].scored.left if beside else unseen(found.rows, found.theta, self.check).left
-        if left.by != "check" or not left.rms_dph > EXPLAINED_RATIO * self.floor_dph:
+        if left.by != "check" or not (beside or left.rms_dph > EXPLAINED_RATIO * self.floor_dph):
             return ()
         way = self.lattice.way(explained.last.point)
         for count in range(1, len(steps)):
@@ -232,7 +233,11 @@ class Describer:
             others = others.settled(way, len(others.theta))
             ranked = self._ranked(others, self._search(others), borne)
             least = sum(step.suspect.evidence for step in steps[count:])
-            if ranked and ranked[0].total > least and prove(left, ranked[0].scored.left).falls:
+            if not ranked or ranked[0].total <= least:
+                continue
+            best = ranked[0]
+            as_much = bool(beside) and best.one.evidence > least + beside[0].one.evidence - TIE
+            if prove(left, best.scored.left).falls or (as_much and borne.gain(left, best.scored.left) > -TIE):
                 return self._answer(others, ranked, borne, tuple(step.name for step in steps[:count]))
         return ()
 
