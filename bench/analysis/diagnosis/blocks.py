@@ -17,7 +17,7 @@ _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
 _WIDTHS = (0.0056, 0.012, 0.024, 0.048, 0.096, 0.2)  # of a play, over the range of what it follows
 
 _MEMORY, _OF = ", {tau_s})", "the memory of "
-_NEXT_TO_NOTHING = {"tau_s", "rise_s", "fall_s", "memory_s", "late_s", "limit", "soft"}
+_NEXT_TO_NOTHING = {"tau_s", "fast_s", "rise_s", "fall_s", "memory_s", "late_s", "limit", "soft"}
 """Parameters whose lower bound stands for none at all: what follows at once, a sign, a sharp edge."""
 
 Bounds = tuple[float, float]
@@ -254,9 +254,8 @@ class Formula:
 
     def within(self, other: Formula) -> bool:
         """Whether the other is this formula with further blocks."""
-        return {block.text for block in self.blocks} < {
-            block.text for block in other.blocks
-        } and self.pair == other.pair
+        own, others = ({block.text for block in one.blocks} for one in (self, other))
+        return own < others and self.pair == other.pair
 
     def one_way(self) -> list[Formula]:
         """The formula of heating alone, and of cooling alone, where it is of both: runs that pass each temperature once

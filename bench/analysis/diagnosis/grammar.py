@@ -72,7 +72,8 @@ class Grammar:
         # What acts at once at a place in a temperature that lags: of the same without the lag little may be seen.
         at_once = {"dT_dt", *self.ranges.switched, *(self._gap(name).text for name in self.ranges.apart)}
         at_once |= {self._centred(name).text for name in self.ranges.moved}
-        late = [Formula((one, place)) for one in self.drivers() if one.text in at_once for place in self._inside()]
+        inside = self._inside()
+        late = [Formula((one, place)) for one in self.drivers() if one.text in at_once for place in inside]
         return [*found.values(), *late]
 
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:

@@ -146,9 +146,9 @@ def _opposed(ranges: Ranges) -> Block:
 
 def _shaken(ranges: Ranges) -> Block:
     """What each change of the rate of temperature leaves for a while, up or down."""
-    ends = (("rise_s", (20.0, 1000.0)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    ends = (("fast_s", (20.0, 1000.0)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
     tried = tuple((60.0, *tau) for tau in lags(ranges.length_s / 2.0, 1))
-    return Block("lag(abs(dT_dt - lag(dT_dt, {rise_s})), {tau_s})", "the memory of each change of dT/dt", "degC/min",
+    return Block("lag(abs(dT_dt - lag(dT_dt, {fast_s})), {tau_s})", "the memory of each change of dT/dt", "degC/min",
                  ends, tried)  # fmt: skip
 
 
