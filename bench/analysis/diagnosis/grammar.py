@@ -44,7 +44,7 @@ class Grammar:
         # Of what begins somewhere little may be seen at once that lasts.
         bent += [block.memory(self.ranges.length_s, every=2) for block in drivers if block.places]
         # A curve of the temperature is the model's own; one of the temperature of a part inside is not.
-        inside = [self._kink(), *(block for block in self._inside() if block.places)]
+        inside = [block for block in self._inside((self._bend(), *self.modifiers())) if block.places]
         own = (*drivers, *bent, *states(self.ranges), *self.bends(), *self._fanned(), *inside)
         alone = [Formula((block,)) for block in own]
         lines = [Formula((block,), pair=True) for block in self.lines()]
@@ -56,14 +56,14 @@ class Grammar:
         """Products of a block that drives with one that modifies it, or with an amplitude that changes."""
         others = [self._centred(name) for name in self.ranges.moved]
         found: dict[str, Formula] = {}
-        for driver in self.drivers():
+        drivers, modifiers = self.drivers(), self.modifiers()
+        for driver in drivers:
             thermal = "dT_dt" in driver.text or "temperature" in driver.text
             for along in (self._centred("temperature"), *(others if thermal else ())):
                 formula = Formula((driver,), degree=1, along=along)
                 found[formula.text(formula.names)] = formula
-        modifiers = self.modifiers()
         drifts = [Block("time", "time", "s"), *(replace(block, grid=block.grid[::2]) for block in self.bends())]
-        for driver in (*self.drivers(), *drifts):
+        for driver in (*drivers, *drifts):
             for modifier in modifiers:
                 if modifier.text != driver.text:
                     formula = Formula((driver, modifier))
@@ -72,8 +72,8 @@ class Grammar:
         # What acts at once at a place in a temperature that lags: of the same without the lag little may be seen.
         at_once = {"dT_dt", *self.ranges.switched, *(self._gap(name).text for name in self.ranges.apart)}
         at_once |= {self._centred(name).text for name in self.ranges.moved}
-        inside = self._inside()
-        late = [Formula((one, place)) for one in self.drivers() if one.text in at_once for place in inside]
+        inside = self._inside(modifiers)
+        late = [Formula((one, place)) for one in drivers if one.text in at_once for place in inside]
         return [*found.values(), *late]
 
     def grown(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
@@ -177,17 +177,17 @@ class Grammar:
         slower = [f"{{slower}} * {name})" for name in self.ranges.switched]
         return [one for one in variants if any(text in one.text for text in slower)]
 
-    def _inside(self) -> list[Block]:
-        """Places in the temperature of a part that lags."""
-        loose = (block.looser for block in self.modifiers() if block.looser)
+    @staticmethod
+    def _inside(modifiers: Sequence[Block]) -> list[Block]:
+        """Places in the temperature of a part that lags, of these modifiers."""
+        loose = (block.looser for block in modifiers if block.looser)
         return [block for block in loose if "lag(temperature" in block.text]
 
-    def _kink(self) -> Block:
+    def _bend(self) -> Block:
         low, high = self.ranges.temperature
-        bounds = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))), ("centre", (low, high)))
-        tried = tuple((tau_s, *one) for one in inner(low, high, 9) for tau_s in _INNER_S[1::2])
-        words = "the distance from a value of a temperature that lags"
-        return Block("abs(lag(temperature, {tau_s}) - {centre})", words, "degC", bounds, tried, places=1)
+        bounds, tried = (("centre", (low, high)),), inner(low, high, 9)
+        words = "the distance from a value of a temperature"
+        return self._placed(Block("abs(temperature - {centre})", words, "degC", bounds, tried, places=1))
 
     def _chamber(self) -> list[Block]:
         """What the chamber's heater and its cooling give, which no channel records: the heat balance of the air.
