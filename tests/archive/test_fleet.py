@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -267,6 +268,16 @@ def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
     assert "station-B" in html
     assert "Stations that left their level" in html
     assert 'src="http' not in html
+
+
+def test_a_station_that_drifts_is_not_named_again_for_its_shift(made):
+    root, limits = made
+    with open_registry(root / FILE) as registry:
+        found = statistics(fleet_of(registry), load_limits(limits))
+    further = replace(found.shifts[0], place="station-A")
+    attention = overview(replace(found, shifts=(further, *found.shifts)))["attention"]
+    assert {one.place for one in found.shifts} == {"station-B"}
+    assert (attention["stations"], attention["shifted"]) == (["station-B"], ["station-A"])
 
 
 def test_the_yield_over_time_is_that_of_the_first_attempts_of_each_week(tmp_path):

@@ -190,7 +190,7 @@ def test_a_station_that_drifts_is_not_named_again_for_its_shift(page):
         answer = route.fetch()
         fleet = answer.json()
         fleet |= {"drifts": [drift], "shifts": shifts}
-        fleet["attention"] = {**fleet.get("attention", {}), "stations": ["station-B"]}
+        fleet["attention"] = {**fleet.get("attention", {}), "stations": ["station-B"], "shifted": ["station-A"]}
         route.fulfill(response=answer, json=fleet)
 
     page.route("**/api/v1/fleet?*", moved)

@@ -60,7 +60,7 @@ def _attention(found: Statistics) -> Found:
         "outside": found.passes.outside,
         "unjudged": found.passes.unjudged,
         "stations": found.drifted("station"),
-        "shifted": list(dict.fromkeys(one.place for one in found.shifts)),
+        "shifted": found.shifted(),
         "lots": found.drifted("lot"),
         "odd": [found.fleet.newest[one.row].unit for one in found.odd],
         "beyond": found.beyond,

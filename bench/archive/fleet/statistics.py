@@ -108,6 +108,11 @@ class Statistics:
         """Stations or lots that differ from the others."""
         return list(dict.fromkeys(one.place for one in self.drifts if one.kind == kind and one.significant))
 
+    def shifted(self) -> list[str]:
+        """Stations that have left their level and do not drift: one that drifts has left it, too, and is told once."""
+        drifting = {(one.place, one.quantity) for one in self.drifts if one.kind == "station" and one.significant}
+        return list(dict.fromkeys(one.place for one in self.shifts if (one.place, one.quantity) not in drifting))
+
     @property
     def quiet(self) -> bool:
         """Whether nothing needs attention: all units judged and within, no drift, shift, odd unit or signal."""

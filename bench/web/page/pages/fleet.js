@@ -20,10 +20,7 @@ const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i
 const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 
 function Attention({ fleet }) {
-  const { outside, unjudged, stations, lots, odd, beyond, quiet, silent } = fleet.attention;
-  // A station that drifts has also left its level: that is told once.
-  const drifts = ({ place, quantity }) => fleet.drifts.some((one) => one.kind === "station" && one.place === place && one.quantity === quantity);
-  const shifted = [...new Set(fleet.shifts.filter((one) => !drifts(one)).map(({ place }) => place))];
+  const { outside, unjudged, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
   if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${fleet.quantities.some(({ signals }) => signals !== null) ? t("fleet.quiet") : t("fleet.quiet_few")}<//></p></div>`;
   const lines = [
