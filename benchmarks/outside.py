@@ -6,8 +6,9 @@ Every truth is integrated by itself at one second from the states of the chamber
 of its own, and shares no operator with the bench. It is added to a run with the noise of the simulated unit, at a
 strength (RMS that the static curve cannot absorb over that of the noise). The bench is given a run and a check run.
 *Equivalent*: on a run that it was not given, of a third profile, the answer predicts at least 80 % of the variance that
-the truth adds beside a static curve; `checked` is the error on the check run, over the true model's. Results are
-appended to the file as they come; what stands there already is not run again. Prints one JSON object.
+the truth adds beside a static curve; the noise of that run, which both have, cancels in the differences. `checked` is
+the error on the check run, over the true model's. Results are appended to the file as they come; what stands there
+already is not run again. Prints one JSON object.
 """
 
 from __future__ import annotations
@@ -58,7 +59,6 @@ def run_trial(trial: Trial) -> dict[str, Any]:
     formula = next(iter(found.formulas), None)
     model = found.improved if formula is None else formula.model
     before, after, oracle = _errors(model, first, judge, truth[0], truth[2])
-    share = 1.0 - (after**2 - oracle**2) / max(before**2 - oracle**2, 1e-12)
     checked = _errors(model, first, check, truth[0], truth[1])
     return {
         "verdict": found.verdict,
@@ -66,10 +66,10 @@ def run_trial(trial: Trial) -> dict[str, Any]:
         "found": [suspect.effect for suspect in found.found],
         "formula": "" if formula is None else formula.formula,
         "evidence": None if formula is None else round(formula.evidence, 1),
-        "share": round(share, 4),
-        "ratio": round(after / oracle, 4),
-        "before": round(before / oracle, 4),
-        "checked": round(checked[1] / checked[2], 4),
+        "share": round(1.0 - (_rms(after - oracle) / _rms(before - oracle)) ** 2, 4),
+        "ratio": round(_rms(after) / _rms(oracle), 4),
+        "before": round(_rms(before) / _rms(oracle), 4),
+        "checked": round(_rms(checked[1]) / _rms(checked[2]), 4),
         "cpu_s": round(spent, 2),
     }
 
@@ -132,10 +132,10 @@ def _left(model: Model, first: Dataset, check: Dataset) -> FloatArray:
 
 def _errors(
     model: Model, first: Dataset, other: Dataset, truth: FloatArray, its: FloatArray
-) -> tuple[float, float, float]:
-    """RMS on another run of the static model, of a model, and of the static model without the truth, taken away."""
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Errors (n,) on another run of the static model, of a model, and of the static model without the truth."""
     oracle = _left(MODEL, _plus(first, -truth), _plus(other, -its))
-    return _rms(_left(MODEL, first, other)), _rms(_left(model, first, other)), _rms(oracle)
+    return _left(MODEL, first, other), _left(model, first, other), oracle
 
 
 def _rms(values: FloatArray) -> float:

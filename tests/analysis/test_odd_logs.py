@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects.model import load_model
 from bench.record.dataset import Dataset
 
@@ -102,3 +103,25 @@ def test_a_run_that_is_far_quieter_than_its_isothermal_run_has_a_floor():
     answer = diagnose([log(LOOPS, 9, curve)], SPLINE, check=[log(TWO_RATES, 10, curve)], static=rest)
     assert not answer.named
     assert answer.sentence
+
+
+@pytest.mark.slow
+def test_without_a_check_run_too_a_formula_takes_the_place_of_the_effects_that_stood_for_it():
+    """A rate of change and a creep on its bound stood for what follows late, beside a true jump."""
+
+    def late_and_jumps(temperature):
+        jump = 1.2 * (np.arange(len(temperature)) > 0.44 * len(temperature))
+        return curve(temperature) + 0.15 * (lagging(temperature, 200.0) - temperature) + jump
+
+    answer = diagnose([log(TWO_RATES, 11, late_and_jumps)], SPLINE, static=log(STILL, 61, curve))
+    best = answer.formulas[0]
+    assert re.fullmatch(r"k \* \(temperature - lag\(temperature, (19|20|21)\d(\.\d)?\)\)", best.formula)
+    assert best.beside == tuple(one.effect for one in answer.found) == ("bias_jump",)
+    assert (answer.verdict, answer.nearest) == ("unknown_effect", "")
+    assert "bias_jump (at_h 3.02" in answer.sentence
+    assert "explains a part of it" in answer.sentence
+    assert best.held_out_rms_dph < 1.15 * answer.floor_dph
+    assert "diagnose again" not in answer.sentence
+    quieter = replace(answer, floor_dph=0.5 * answer.floor_dph)
+    told = f"The error on unseen data is still {quieter.floor_ratio:.2g} x the noise floor: add it and diagnose again."
+    assert sentence(quieter, drifts=False).endswith(told)

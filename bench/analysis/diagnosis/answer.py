@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, Literal
 
 from bench.analysis.diagnosis.candidates import Theta
@@ -229,6 +229,12 @@ class Diagnosis:
         return self.formulas[0] if self.formulas and not self.tied else None
 
     @property
+    def floor_ratio(self) -> float:
+        """Error on unseen data with what they prove, over the noise floor; NaN where they prove nothing."""
+        proofs = [one.proof for one in (self.leading, *self.named) if one is not None and one.proof.proved]
+        return proofs[0].after_dph / self.floor_dph if proofs else nan
+
+    @property
     def added(self) -> str:
         """What `bench add` takes to make the model better: the best formula, else the effects found; empty without.
 
@@ -268,6 +274,7 @@ class Diagnosis:
             "rms_dph": finite(self.rms_dph),
             "held_out_rms_dph": finite(self.held_out_rms_dph),
             "held_out_by": self.held_out_by,
+            "floor_ratio": finite(self.floor_ratio),
             "where": [place.to_json() for place in self.where],
             "suspects": [suspect.to_json() for suspect in self.suspects],
             "formulas": [formula.to_json() for formula in self.formulas],

@@ -99,13 +99,14 @@ def with_formulas(
         first = replace(first, look_alikes=(*first.look_alikes, formulas[0].formula))
         return replace(answer, suspects=(first, *others))
     if instead or answer.verdict in {"adequate", "undecided"}:
+        beside = formulas[0].beside
         near = [suspect for suspect in answer.found if suspect.proved] or answer.found
-        nearest = answer.nearest or (near[0].effect if near else "")
-        kept = tuple(
-            replace(one, found=one.found and (one.effect == nearest or one.proof.falls is not False))
-            for one in answer.suspects
-        )
-        answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept)
+        nearest = answer.nearest or (near[0].effect if near and not beside else "")
+        stay = set(beside) or {one.effect for one in answer.found if one.proof.falls is not False} | {nearest}
+        kept = tuple(replace(one, found=one.found and one.effect in stay) for one in answer.suspects)
+        # What the effects left that a formula takes the place of beside others is not left any more.
+        unexplained = () if instead and beside else answer.unexplained
+        answer = replace(answer, verdict="unknown_effect", nearest=nearest, suspects=kept, unexplained=unexplained)
     if answer.verdict == "unknown_effect":
         answer = replace(answer, proved=explains(formulas[0], floor_dph))
     if answer.leading and answer.leading.proof.proved and answer.noise_finding == DRIFTS:

@@ -189,7 +189,7 @@ class Describer:
         stuck = any(step.suspect.on_bound for step in explained.steps)
         if stuck and not beside and (instead := self._instead(layout, explained, borne)):
             return Description(instead, replaces=True)
-        if not stuck and (fewer := self._fewer(layout, explained, beside, borne)):
+        if (beside or not stuck) and (fewer := self._fewer(layout, explained, beside, borne)):
             return Description(fewer, replaces=True)
         least = named - (FORMULA_EVIDENCE if stuck else TIE)
         if not beside and plain and plain[0].total > least:
@@ -222,10 +222,10 @@ class Describer:
         for what no effect is.
         """
         steps, found = explained.steps, explained.layout
-        if not self.check or len(steps) < 2:
+        if len(steps) < 2 or not (beside or self.check):
             return ()
         left = beside[0].scored.left if beside else unseen(found.rows, found.theta, self.check).left
-        if left.by != "check" or not (beside or left.rms_dph > EXPLAINED_RATIO * self.floor_dph):
+        if not beside and not (left.by == "check" and left.rms_dph > EXPLAINED_RATIO * self.floor_dph):
             return ()
         way = self.lattice.way(explained.last.point)
         for count in range(1, len(steps)):
@@ -237,7 +237,8 @@ class Describer:
                 continue
             best = ranked[0]
             as_much = bool(beside) and best.one.evidence > least + beside[0].one.evidence - TIE
-            if prove(left, best.scored.left).falls or (as_much and borne.gain(left, best.scored.left) > -TIE):
+            proved = left.by == "check" and prove(left, best.scored.left).falls
+            if proved or (as_much and borne.gain(left, best.scored.left) > -TIE):
                 return self._answer(others, ranked, borne, tuple(step.name for step in steps[:count]))
         return ()
 

@@ -22,12 +22,20 @@ def sentence(answer: Diagnosis, drifts: bool, why: str = "", apart_dph: float = 
     """
     formulas = [formula_sentence(answer.formulas[0])] if answer.formulas else []
     if answer.verdict != "unknown_effect":
-        return " ".join([_verdict(answer, why, apart_dph), *formulas])
+        return " ".join([_verdict(answer, why, apart_dph), *formulas, *_left(answer)])
     lacks, near = _unknown(answer, drifts)
     if formulas and not answer.formulas[0].beside:
         # What describes it comes before what does not, and what does not even lower the error is of no use.
-        return " ".join([lacks, *formulas, *(near if any(suspect.proof.falls for suspect in answer.found) else [])])
-    return " ".join([lacks, *near, *formulas])
+        near = near if any(suspect.proof.falls for suspect in answer.found) else []
+        return " ".join([lacks, *formulas, *_left(answer), *near])
+    return " ".join([lacks, *near, *formulas, *_left(answer)])
+
+
+def _left(answer: Diagnosis) -> list[str]:
+    """That what is proved leaves more than the noise on unseen data: there may be something else beside it."""
+    if not answer.floor_ratio > ADEQUATE_RATIO:
+        return []
+    return [f"{capital(ON_UNSEEN)} still {number(answer.floor_ratio, 2)} x the noise floor: add it and diagnose again."]
 
 
 def _verdict(answer: Diagnosis, why: str, apart_dph: float) -> str:
@@ -151,7 +159,7 @@ def _unknown(answer: Diagnosis, drifts: bool) -> tuple[str, list[str]]:
     place = f": a misfit {_where(rest[0])}" if rest else ""
     near = []
     if answer.found:
-        near = [f"{answer.found[0].effect} explains a part of it."]
+        near = [f"{_named(answer.found[0])} explains a part of it."]
     elif answer.suspects and not answer.formulas:
         near = [f"The nearest effect of the catalogue is {answer.suspects[0].effect}, no better than chance."]
     return f"{_LACKS}{place}.", near

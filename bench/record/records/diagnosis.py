@@ -65,6 +65,8 @@ class DiagnosisRecord(Record):
     rms_dph: float | None = None
     held_out_rms_dph: float | None = None
     held_out_by: str = ""
+    floor_ratio: float | None = None
+    """Error on unseen data with what they prove, over the noise floor."""
     where: tuple[StoredPlace, ...] = ()
     suspects: tuple[StoredSuspect, ...] = ()
     formulas: tuple[dict[str, Any], ...] = ()

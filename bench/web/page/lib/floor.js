@@ -7,6 +7,9 @@ export const BOUND = 1.15;
 /** Error over floor above which an effect found is the nearest one of the catalogue only: NEAREST_RATIO there. */
 export const NEAREST = 2;
 
+/** Error over floor up to which nothing worth the effort is left: ADEQUATE_RATIO there. */
+export const ADEQUATE = 1.5;
+
 /** Whether the stretches that the floor was read from hold more than noise, since unseen data are predicted better. */
 export const isBound = (error, floor) => error !== null && floor !== null && floor > BOUND * error;
 

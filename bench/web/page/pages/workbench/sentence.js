@@ -1,7 +1,7 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
 import { channelWord, effectWord, joined, or, sign, symbols, t } from "../../lib/words.js";
 import { measured, number } from "./parts.js";
-import { NEAREST } from "../../lib/floor.js";
+import { ADEQUATE, NEAREST } from "../../lib/floor.js";
 import { labelled } from "../../lib/spoken.js";
 
 /** Name of a fitted parameter of an effect, as people read it. */
@@ -54,10 +54,12 @@ function unknown(found) {
   return [
     first,
     ...found.unexplained.slice(0, 1).map((place) => t("workbench.say.unknown_where", { where: where(place) })),
-    ...(near.length ? [t("workbench.say.part", { effect: effectWord(near[0].effect) })]
+    ...(near.length ? [t("workbench.say.part", { effect: list(near.slice(0, 1)) })]
       : found.suspects.length ? [t("workbench.say.chance", { effect: effectWord(found.suspects[0].effect) })] : []),
   ];
 }
+
+const still = ({ floor_ratio }) => (floor_ratio > ADEQUATE ? [t("workbench.say.still", { ratio: number(floor_ratio, 2) })] : []);
 
 /** What is told apart by a proposed run: effects, formulas or kinds of causes. */
 export const rival = (name) => or(`workbench.cause.${name}`, effectWord(name));
@@ -85,9 +87,9 @@ export function sentences(found) {
   const sizes = { rms: number(found.rms_dph), floor: number(found.floor_dph) };
   if (found.verdict === "adequate")
     return [t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
-  if (found.verdict === "missing_effect") return missing(found);
+  if (found.verdict === "missing_effect") return [...missing(found), ...still(found)];
   if (found.verdict === "undecided")
     return found.suspects.some((one) => one.found) ? missing(found)
       : [...(found.floor_dph === null ? [t("workbench.caption.no_floor")] : []), t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
-  return unknown(found);
+  return [...unknown(found), ...still(found)];
 }
