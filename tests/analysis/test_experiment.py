@@ -179,6 +179,24 @@ def test_a_plan_is_repeated_as_often_as_the_budget_allows():
         assert profile.profile_from_text(plan.to_yaml(LIMITS, "why")).name == plan.name
 
 
+def test_what_is_nearly_tied_is_told_apart_too_and_not_named(runs):
+    """One more run, which is to tell the tied ones apart, may bring it back."""
+    layout, rivals, noise = judged(runs["temperature_rate"])
+    first, third, second = strengthened(rivals)  # the one with nearly as much evidence as the first is the third
+    without = propose(layout, [first, second], noise, LIMITS)
+    proposal = propose(layout, [first, second, replace(third, tied=False)], noise, LIMITS)
+    assert proposal.separates == without.separates == (first.name, second.name)
+    plan = minor_loops(LIMITS)
+    gaps = [
+        Discrimination(layout, each, noise).expected(plan).gaps
+        for each in ([first, second], [first, second, replace(third, tied=False)])
+    ]
+    assert gaps[1].shape == gaps[0].shape
+    assert np.all(gaps[1] <= gaps[0] + 1e-9)
+    assert np.any(gaps[1] < 0.9 * gaps[0])
+    assert propose(layout, [first, replace(third, tied=False)], noise, LIMITS) is None
+
+
 def test_shapes_of_one_family_need_no_experiment(runs):
     layout, rivals, noise = judged(runs["hysteresis"])
     loop = next(rival for rival in rivals if rival.name == "hysteresis")

@@ -125,3 +125,12 @@ def test_without_a_check_run_too_a_formula_takes_the_place_of_the_effects_that_s
     quieter = replace(answer, floor_dph=0.5 * answer.floor_dph)
     told = f"The error on unseen data is still {quieter.floor_ratio:.2g} x the noise floor: add it and diagnose again."
     assert sentence(quieter, drifts=False).endswith(told)
+
+
+def test_temperatures_that_were_visited_once_do_not_make_a_verdict():
+    """Predicted from the rest, an end of the range is extrapolated: its error was "23 x the noise floor" and the run
+    undecided.
+    """
+    sweep = log([(0, 10), (100, -30), (400, 60)], 22, curve)
+    answer = diagnose([sweep], SPLINE, static=log(STILL, 70, curve))
+    assert (answer.verdict, answer.proved) == ("adequate", True)

@@ -151,7 +151,7 @@ def test_the_nearest_entry_is_the_one_that_the_sentence_names():
     )
     answer = SimpleNamespace(
         verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="", found=(first, other),
-        nearest="hysteresis", floor_dph=0.1,
+        nearest="hysteresis", floor_dph=0.1, floor_ratio=np.nan,
     )  # fmt: skip
     assert "The nearest entry of the catalogue is hysteresis: with it" in sentence(answer, drifts=False)
 
@@ -169,7 +169,13 @@ def test_what_was_found_beside_a_drift_and_raises_the_error_is_not_said_to_lower
         effect="thermal_lag", options={}, parameters={}, scored=True, proof=proof, removes=0.0, proved=False
     )
     answer = SimpleNamespace(
-        verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="the run drifts", found=(lag,), nearest=""
+        verdict="unknown_effect",
+        formulas=(),
+        unexplained=(),
+        noise_finding="the run drifts",
+        found=(lag,),
+        nearest="",
+        floor_ratio=np.nan,
     )
     text = sentence(answer, drifts=True)
     assert "lowers" not in text
@@ -182,7 +188,13 @@ def test_what_was_found_beside_a_drift_is_told_with_its_proof():
         effect="bias_jump", options={}, parameters={}, scored=True, proof=FALLS, removes=np.nan, proved=True
     )
     answer = SimpleNamespace(
-        verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="the run drifts", found=(jump,), nearest=""
+        verdict="unknown_effect",
+        formulas=(),
+        unexplained=(),
+        noise_finding="the run drifts",
+        found=(jump,),
+        nearest="",
+        floor_ratio=np.nan,
     )
     text = sentence(answer, drifts=True)
     assert text.startswith("Beside bias_jump the model lacks something")

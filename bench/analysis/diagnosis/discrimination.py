@@ -145,6 +145,8 @@ class Discrimination:
             spaces = [self._spaces(c, own, way, basis) for c, own in zip(candidates, tried, strict=True)]
             known = lattice_of(self._layout.problem).way(point)
             for i, rival in enumerate(self._rivals):
+                if not rival.tied:
+                    continue
                 white = way.apply(self._means(problem, candidates[i], self._drawn[i], known, sigma2))
                 others = [j for j, other in enumerate(self._rivals) if other.family != rival.family]
                 rest = outside(basis, white)

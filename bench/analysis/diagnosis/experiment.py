@@ -33,11 +33,13 @@ from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
 from bench.analysis.effects import registry as effects
+from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.likelihood import Point
+from bench.analysis.thresholds import TIE
 from bench.base import InputError, finite, listed, shared, usual_workers
 from bench.record import Dataset
 
@@ -48,6 +50,7 @@ _HOPELESS = 0.5
 """Probability of a decision after `_MOST_RUNS` runs below which the answer is that none can be had."""
 _MOST_RUNS = 3
 _MOST_RIVALS = 4  # formulas, the best first
+_NEAR = 2.0 * TIE  # evidence below the best within which an effect that is not tied may be tied after one more run
 _CLOSELY = 4  # profiles of the library that are tried repeated and at every noise
 
 
@@ -140,13 +143,15 @@ def next_experiment(
         known = {effect.name: effect for effect in catalogued(base, runs)}
         formula = {best.formula: best.model.effects[-1] for best in diagnosis.formulas[:1]}
         wanted = {name: formula.get(name) or known.get(name) or effects.make(name) for name in tied}
+        wanted |= {name: effect for name, effect in known.items() if name not in wanted and not _moved(effect)}
         layout, offered = offer(layout, list(wanted.values()))
         evidence = weigh(layout.problem, offered.candidates(layout), nulls=0)
         found = {suspect.effect: suspect for suspect in reversed(evidence.suspects)}  # the best shape of each
+        least = evidence.suspects[0].evidence - _NEAR
         rivals = [
-            Rival(name, offered.effects[s.name], s.theta, s.evidence)
+            Rival(name, offered.effects[s.name], s.theta, s.evidence, name in tied)
             for name, effect in wanted.items()
-            if (s := found.get(effect.name))
+            if (s := found.get(effect.name)) and (name in tied or s.evidence + s.charged > least)
         ]
         return propose(layout, rivals, evidence.suspects[0].point, limits)
 
@@ -207,20 +212,25 @@ def propose(
     which somebody moves a channel by hand is for what stays open then.
     `limits` are what the chamber can do; by default the range that the runs visited and the rates that they showed.
     """
-    families = [rival.family for rival in rivals]
-    if len(set(families)) < 2:
+    families = {rival.family for rival in rivals if rival.tied}
+    if len(families) < 2:
         return None
     records = layout.rows.records
     limits = limits or chamber_limits(records)
-    moved = {rival.name: sorted(set(rival.effect.needs) - _PREDICTABLE) for rival in rivals}
-    thermal = [rival for rival in rivals if not moved[rival.name]]
-    if not moved[rivals[0].name] and len({rival.family for rival in thermal}) > 1:
+    moved = {rival.name: _moved(rival.effect) for rival in rivals if rival.tied}
+    thermal = [rival for rival in rivals if not moved.get(rival.name)]
+    if not moved[rivals[0].name] and len({rival.family for rival in thermal if rival.tied}) > 1:
         # What the chamber can tell comes first: nobody has to be there.
         return _leaving_open(_designed(layout, thermal, noise, limits), [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})
-    names = tuple(rival.name for rival in rivals)
+    names = tuple(rival.name for rival in rivals if rival.tied)
     plan, why = exciting(limits, channels, names)
     return replace(_proposal(plan, limits, names, why, use="by_hand"), channels=tuple(channels))
+
+
+def _moved(effect: Effect) -> list[str]:
+    """Channels that an effect needs and the chamber does not move."""
+    return sorted(set(effect.needs) - _PREDICTABLE)
 
 
 def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
@@ -243,7 +253,7 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: Cha
     most = max(after.probability for after, _ in scored)
     enough = [pair for pair in scored if pair[0].probability >= min(_ENOUGH, most)]
     after, plan = min(enough, key=lambda pair: pair[1].duration_s)
-    names = tuple(rival.name for rival in rivals)
+    names = tuple(rival.name for rival in rivals if rival.tied)
     often = after.after(before, _MOST_RUNS).probability
     tried = len(library) + len(longer) - _CLOSELY
     promise = (

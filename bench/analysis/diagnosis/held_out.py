@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.analysis.diagnosis.evidence import Suspect
-from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again
+from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, within
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
 from bench.analysis.fit.design import Bound, FitRows
-from bench.analysis.fit.solve import Solution, left_out_rms, solve
+from bench.analysis.fit.solve import Solution, left_out, left_out_rms, solve
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
@@ -24,10 +24,10 @@ class Unseen:
     """Least squares at given nonlinear parameters, scored.
 
     `rms_dph` is on unseen rows, `shape_dph` the same where each run has a constant of its own (the turn-on bias is not
-    part of the model). `residuals` (n,) of each fitted run [deg/h]; with such constants their RMS is `apart_dph`, and
-    each further run lies `above_dph` over the first. Of check runs `outside` (0 to 1) is at temperatures that were not
-    fitted, and elsewhere they differ by `constant_dph`; `shape_dph` is without both. `left` is what a proof compares.
-    `reason` says why there is nothing.
+    part of the model), at temperatures that were fitted. `residuals` (n,) of each fitted run [deg/h]; with such
+    constants their RMS is `apart_dph`, and each further run lies `above_dph` over the first. Of check runs `outside`
+    (0 to 1) is at temperatures that were not fitted, and elsewhere they differ by `constant_dph`. `left` is what a
+    proof compares. `reason` says why there is nothing.
     """
 
     rms_dph: float = np.nan
@@ -59,9 +59,16 @@ def unseen(
         above = tuple(apart.beta[columns.shape[1] :].tolist())
         apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
-            rms = _blocks_rms(solution, rows)
-            shape = rms if apart is solution else _blocks_rms(apart, rows)
-            return Unseen(rms, shape, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
+            rms = left_out_rms(solution, rows.weights, rows.blocks())
+            rms = rms if np.isfinite(rms) else np.nan
+            return Unseen(
+                rms,
+                _blocks_shape(apart, rows),
+                residuals,
+                above,
+                apart_dph,
+                left=left_out_of(rows, solution, own, like),
+            )
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
         return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
@@ -109,9 +116,12 @@ def _apart(rows: FitRows, columns: FloatArray) -> Solution:
     return solve(np.column_stack([columns, run[:, None] == np.arange(1, len(rows.masks))]), rows.y, rows.weights)
 
 
-def _blocks_rms(solution: Solution, rows: FitRows) -> float:
-    rms = left_out_rms(solution, rows.weights, rows.blocks())
-    return rms if np.isfinite(rms) else np.nan
+def _blocks_shape(solution: Solution, rows: FitRows) -> float:
+    """RMS [deg/h] of the rows of each block, predicted from all others, that lie within the temperatures of these."""
+    blocks = rows.blocks()
+    residual = left_out(solution, rows.weights, blocks)
+    inside = within(rows, blocks) & np.isfinite(residual)
+    return _rms([residual[inside]], [rows.weights[inside]]) if inside.any() else np.nan
 
 
 def _of_check(left: Sequence[FloatArray], proof: LeftOut) -> tuple[float, float]:

@@ -215,7 +215,7 @@ def left_out_of(rows: FitRows, solution: Solution, own: int = 0, like: LeftOut |
     for by, label in _groups(rows) if like is None or like.label is None else [(like.by, like.label)]:
         if _share(solution, label, own) >= _LEAST_SHARE:
             residual = left_out(solution, rows.weights, label)
-            return LeftOut(by, np.where(_within(rows, label), residual, np.nan), rows.weights, label=label)
+            return LeftOut(by, np.where(within(rows, label), residual, np.nan), rows.weights, label=label)
     return LeftOut(reason="a single part of the run determines it")
 
 
@@ -240,7 +240,7 @@ def _share(solution: Solution, label: IntArray, own: int) -> float:
     return least
 
 
-def _within(rows: FitRows, label: IntArray) -> BoolArray:
+def within(rows: FitRows, label: IntArray) -> BoolArray:
     """Rows (rows,) whose temperature lies within the range of the rows of all other groups: nothing is extrapolated."""
     pairs = zip(rows.records, rows.masks, strict=True)
     temperature = np.concatenate([record.channel("temperature")[mask] for record, mask in pairs])

@@ -17,6 +17,8 @@ class Rival:
     effect: Effect
     theta: Theta
     evidence: float
+    tied: bool = True
+    """Whether it may be the cause by what is known; else a run must not make it one."""
 
     @property
     def family(self) -> str:
