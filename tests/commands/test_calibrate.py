@@ -18,8 +18,8 @@ from bench.commands.calibration.job import Case, Done
 from bench.commands.calibration.junit import junit
 from bench.commands.calibration.order import Order
 from bench.commands.calibration.plan import Policy
-from bench.commands.calibration.recording import JOB_MARK
-from bench.commands.calibration.steps import STEP_NAMES, STEPS, AgainError, check_order, check_papers
+from bench.commands.calibration.recording import JOB_MARK, AgainError
+from bench.commands.calibration.steps import STEP_NAMES, STEPS, check_order, check_papers
 from bench.record import DiagnosisRecord
 from tests.support.commands import bench
 

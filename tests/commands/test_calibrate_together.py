@@ -12,16 +12,24 @@ from bench.commands.calibration import recording
 from bench.commands.calibration.calibrate import calibrate_all
 from bench.commands.calibration.job import Done
 from bench.commands.calibration.order import Order
-from bench.commands.calibration.recording import recorded
-from bench.commands.calibration.steps import AgainError, refuse_pieces
+from bench.commands.calibration.recording import AgainError, recorded
+from bench.commands.calibration.steps import refuse_pieces
 from bench.record import Manifest, RunFolder
 from tests.commands.test_calibrate import Fake
+from tests.support import bench_project
 from tests.support.run_folders import make_run, ramp_run
 
 PLAN = library() / "plans" / "quick.yaml"
 FOUR = library() / "stations" / "four_units.yaml"
 UNITS = ("SIM-0001", "GX-0815@SIM-0002", "SIM-0003")
 SERIALS = ("SIM-0001", "GX-0815", "SIM-0003")
+SOAK = """
+name: brief
+start: {temperature_degc: 23}
+settle: {dwell_min: 0.1, slope_degc_per_min: 20, band_degc: 2, unit_band_degc: 5}
+segments:
+  - {kind: soak, duration_min: 4}
+"""
 
 
 class Chamber:
@@ -30,7 +38,7 @@ class Chamber:
     def __init__(self, monkeypatch):
         self.tasks, self.ends = [], []
         monkeypatch.setattr(recording, "conduct", self.conduct)
-        monkeypatch.setattr(recording, "_whole", lambda result: result)
+        monkeypatch.setattr(recording, "_whole", lambda order, result: result)
 
     def conduct(self, profile, station, task, quiet):
         self.tasks.append(tuple(task.serials))
@@ -75,6 +83,20 @@ def test_what_ends_the_run_fails_every_unit_and_is_not_tried_again_for_the_next(
     jobs = calibrate_all(orders, steps=[Recorded()])
     assert (chamber.tasks, [job.content["sentence"] for job in jobs]) == ([SERIALS], ["aborted by Olena"] * 3)
     assert {job.content["exit_code"] for job in jobs} == {3}
+
+
+def test_a_unit_that_leaves_the_run_leaves_it_alone_and_has_a_run_of_its_own_when_it_goes_on(tmp_path):
+    plan = bench_project.made(tmp_path) / "profiles" / "plans" / "brief.yaml"
+    (tmp_path / "profiles" / "brief.yaml").write_text(SOAK)
+    station = tmp_path / "four.yaml"
+    station.write_text(f"{FOUR.read_text()}faults:\n  - {{at_s: 100, on: SIM-0001, fault: silence, for_s: 1e6}}\n")
+    first, second = orders = Order.load_all(plan, station, ("SIM-0001", "SIM-0002"), tmp_path / "out", quiet=True)
+    jobs = calibrate_all(orders, steps=[Recorded()])
+    assert [job.state for job in jobs] == ["failed", "ended"]
+    assert "no sound rate frame" in jobs[0].content["sentence"]
+    (again,) = calibrate_all([first], steps=[Recorded()])
+    made = [len(list((tmp_path / "out" / order.serial).glob("*/manifest.json"))) for order in (first, second)]
+    assert (made, again.content["exit_code"]) == ([2, 1], 3), "alone, it is not left behind: the guard ends its run"
 
 
 class Once(Fake):

@@ -15,7 +15,8 @@ from bench.commands.acquisition import station_of
 from bench.commands.calibration.imu_steps import CertifyImu, DiagnoseImu, FitImu, VerifyImu
 from bench.commands.calibration.job import ENDED, HELD, JobFile
 from bench.commands.calibration.order import Order, Together
-from bench.commands.calibration.steps import STEPS, AgainError, Step
+from bench.commands.calibration.recording import AgainError
+from bench.commands.calibration.steps import STEPS, Step
 from bench.record import slug
 from drivers.errors import DriverError
 

@@ -14,8 +14,8 @@ from pathlib import Path
 from bench.commands.calibration.doubts import Doubt, decided, judged, verdict_of
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
-from bench.commands.calibration.recording import recorded
-from bench.commands.calibration.steps import AgainError, calibration_of, in_the_unit, refuse_pieces, run_of, texts
+from bench.commands.calibration.recording import AgainError, recorded
+from bench.commands.calibration.steps import calibration_of, in_the_unit, refuse_pieces, run_of, texts
 from bench.commands.imu import imu, verify_imu
 from bench.commands.papers import Papers
 from bench.record import ImuRecord, put

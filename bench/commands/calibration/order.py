@@ -17,10 +17,10 @@ from bench.commands.slots import seated
 
 @dataclass
 class Together:
-    """Units whose run of a step is made at once, by serial number; `error` is what ended that run."""
+    """Units whose run of a step is made at once, by serial number; `errors`: what ended it for each."""
 
     serials: tuple[str, ...]
-    error: BenchError | None = None
+    errors: Mapping[str, BenchError] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

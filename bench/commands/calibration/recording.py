@@ -16,6 +16,15 @@ from bench.commands.resuming import continued
 from bench.record import MANIFEST, RunFolder, slug
 
 _NOTHING_LEFT = "nothing to resume"
+_LEFT = "this unit left the run"
+
+
+class AgainError(Exception):
+    """A step that was begun or done must be done again: `name`, and why."""
+
+    def __init__(self, name: str, why: str) -> None:
+        super().__init__(why)
+        self.name = name
 
 
 def recorded(
@@ -25,22 +34,22 @@ def recorded(
 
     One that was cut off goes on, or is repeated where the plan says so or nothing can be gone on with. Raises the error
     that ended the run: it is the next to be taken up. The run is made for all units that are at work on it together:
-    the others find it, or the error that ended it.
+    the others find it, or the error that ended it; one that left the run leaves it alone.
     """
     together = order.together
-    if together.error is not None:
-        raise together.error
+    if order.serial in together.errors:
+        raise together.errors[order.serial]
     try:
         while (found := find(order, _mark(job, step))) is not None:
-            if (run := _taken_up(order, found)) is not None:
+            if (run := _taken_up(order, found, step)) is not None:
                 return run
             job.renew(step)
         mark = _mark(job, step)
         units = together.serials or (order.serial,)
         task = Task(units, {**texts, JOB_MARK: mark}, order.out, compensation, order.operator)
-        _whole(conduct(order.document(profile), order.station_file(), task, order.quiet))
+        _whole(order, conduct(order.document(profile), order.station_file(), task, order.quiet))
     except BenchError as error:
-        together.error = error
+        together.errors = together.errors or dict.fromkeys(together.serials, error)
         raise
     if (made := find(order, mark)) is None:
         raise InputError("the run has left no folder: see the output of the bench", order.out / slug(order.serial))
@@ -58,8 +67,11 @@ def find(order: Order, mark: str) -> Path | None:
     return max(found, key=lambda folder: folder.name, default=None)
 
 
-def _taken_up(order: Order, folder: Path) -> RunFolder | None:
-    """A run that was begun, brought to its end; None where it has to be repeated."""
+def _taken_up(order: Order, folder: Path, step: str) -> RunFolder | None:
+    """A run that was begun, brought to its end; None where it has to be repeated.
+
+    AgainError: the others' run went on without this unit, which needs one of its own.
+    """
     if (folder / MANIFEST).is_file() and RunFolder(folder).manifest().state == "done":
         return RunFolder(folder)
     if order.plan.interrupted == "repeat" or not any(RunFolder(folder).journal.glob("*.gtbj")):
@@ -70,15 +82,20 @@ def _taken_up(order: Order, folder: Path) -> RunFolder | None:
             return run
         # The station as the run had it, with all units in their slots; what it names beside itself is beside the file.
         own = read_yaml(folder / "station.yaml")
-        return _whole(continued(run, replace(own, file=order.station_file().file), order.quiet))
+        return _whole(order, continued(run, replace(own, file=order.station_file().file), order.quiet))
     except InputError as error:
+        if _LEFT in str(error):
+            raise AgainError(step, str(error)) from error
         # Killed before anything was recorded, or after the last segment: there is nothing to go on with.
         if _NOTHING_LEFT in str(error) or "no readable journal" in str(error) or "start the run anew" in str(error):
             return None
         raise
 
 
-def _whole(result: acquisition.RunResult) -> RunFolder:
-    if result.error is not None:
-        raise result.error
-    return result.run
+def _whole(order: Order, result: acquisition.RunResult) -> RunFolder:
+    """The run of the unit that is ordered; raises what ended it. What ended it for others is kept for them."""
+    order.together.errors = {unit.serial: unit.error for unit in result.units if unit.error is not None}
+    (own,) = (unit for unit in result.units if unit.serial == order.serial)
+    if own.error is not None:
+        raise own.error
+    return own.run

@@ -27,7 +27,7 @@ from bench.commands import acquisition, analysis
 from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.commands.calibration.order import Order
-from bench.commands.calibration.recording import recorded
+from bench.commands.calibration.recording import AgainError, recorded
 from bench.commands.ending_early import lot_of
 from bench.commands.lots import complete_unit
 from bench.commands.papers import Papers
@@ -40,14 +40,6 @@ if TYPE_CHECKING:
 IMPROVED = "model-improved.yaml"
 """The model that the walk of `improve` ended with, in the run folder."""
 _PLACE = "in the plan or the station file (`{kind}:`), or fill in the page 'Laboratory and equipment'"
-
-
-class AgainError(Exception):
-    """A step that was done must be done again: `name`, and why."""
-
-    def __init__(self, name: str, why: str) -> None:
-        super().__init__(why)
-        self.name = name
 
 
 class Step(Protocol):
