@@ -260,7 +260,9 @@ def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers
     page.goto("/calibrations/GX-1/1")
     page.locator(".job-mates").wait_for()
     assert english(page) == []
-    page.emulate_media(media="print")
     box = "document.querySelector('.job-mates').parentElement"
+    lamp = f"{box}.querySelector('.lamp').getBoundingClientRect()"
+    assert page.evaluate(f"{lamp}.right < {box}.getBoundingClientRect().right"), "how each stands is in sight"
+    page.emulate_media(media="print")
     page.wait_for_function(f"() => {box}.scrollWidth <= {box}.clientWidth")
     page.unroute_all(behavior="wait")

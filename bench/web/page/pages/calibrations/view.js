@@ -61,14 +61,14 @@ function Together({ job }) {
   if (!job.together.length) return null;
   return html`<section aria-labelledby="together"><h2 id="together">${t("job.together")}</h2>
     <div class="scroll" tabindex="0" role="region" aria-label=${t("job.together")}><table class="job-list job-mates">
-      <thead><tr><th scope="col">${t("job.head.unit")}</th>${job.steps.map(({ name }) => html`<th key=${name} scope="col">${t(`step.name.${name}`)}</th>`)}<th scope="col">${t("job.head.state")}</th></tr></thead>
+      <thead><tr><th scope="col">${t("job.head.unit")}</th><th scope="col">${t("job.head.state")}</th>${job.steps.map(({ name }) => html`<th key=${name} scope="col">${t(`step.name.${name}`)}</th>`)}</tr></thead>
       <tbody>${job.together.map((mate) => html`<tr key=${mate.unit} aria-current=${mate.job === job.job ? "true" : undefined}>
         <th scope="row"><a class="mono" href=${`/calibrations/${mate.job}`}>${mate.unit}</a></th>
+        <td><${Lamp} tone=${toneOf(mate)}>${stateWord(mate)}<//>${mate.certificate && html` <a href=${`/api/v1/calibrations/${mate.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}</td>
         ${job.steps.map(({ name }) => {
           const step = { name, state: mate.steps[name] ?? "open", cases: [] };
           return html`<td key=${name} class=${`tone-${stepTone(step, mate)}`} title=${stepWord(step, mate)}><span aria-hidden="true">${step.state === "open" ? "·" : html`<${Shape} tone=${stepTone(step, mate)} />`}</span><span class="unseen">${stepWord(step, mate)}</span></td>`;
-        })}
-        <td><${Lamp} tone=${toneOf(mate)}>${stateWord(mate)}<//>${mate.certificate && html` <a href=${`/api/v1/calibrations/${mate.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}</td></tr>`)}</tbody></table></div></section>`;
+        })}</tr>`)}</tbody></table></div></section>`;
 }
 
 const took = ({ began, ended }) => (began && ended ? duration((Date.parse(ended) - Date.parse(began)) / 1000) : "");
