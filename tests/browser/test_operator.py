@@ -754,11 +754,15 @@ def test_a_serial_number_that_no_unit_can_have_is_refused_before_anything_is_cho
     assert page.get_by_role("button", name="Slot of").count() == 0
 
 
-def test_a_unit_of_the_address_that_no_station_has_is_told_and_not_dropped(site, visitors):
+def test_a_unit_of_the_address_that_no_station_has_is_told_and_no_other_station_is_taken_for_the_one_that_is_named(
+    site, visitors
+):
     page = visitors.come(site[0])
-    page.goto("/start?unit=NOPE-1&station=simulated&plan=quick")
+    page.goto("/start?unit=NOPE-1&plan=quick")
     page.get_by_text("No station has a unit NOPE-1").wait_for()
     page.goto("/start?unit=SIM-0005&station=nowhere&plan=quick")
+    page.get_by_text("Station nowhere of this link is missing").wait_for()
+    page.goto("/start?unit=SIM-0002&station=four-units&plan=quick")
     page.get_by_role("heading", name="Ready to start?").wait_for()
     page.get_by_role("button", name="Change Unit").click()
     page.get_by_role("heading", name="Which unit?").wait_for()

@@ -78,7 +78,9 @@ function useBack() {
 function asked({ unit, station, plan, calibration, limits = null, models, anew }, { plans, calibrations, stations }) {
   const units = unit ? unit.split(",") : [];
   const there = stations.filter((one) => units.length && units.every((each) => one.units.includes(slotOf(each))));
-  const place = there.find((one) => one.id === station) ?? (there.length === 1 ? there[0] : null);
+  // Never another one than is named, by its file or, where a terminal began the run, by the name in it.
+  const named = there.filter(({ title }) => !station || title === station);
+  const place = there.find(({ id }) => id === station) ?? (named.length === 1 ? named[0] : null);
   return {
     units: place ? units : [],
     station: place?.id ?? null,
@@ -102,7 +104,7 @@ export default function Start({ query }) {
   const now = useStore(order);
   const who = useStore(session);
   const heading = useRef(null);
-  const [unanswered, setUnanswered] = useState(query.unit && !query.unit.includes(",") ? serialOf(query.unit) : "");
+  const [unanswered, setUnanswered] = useState(query.unit && !query.station && !query.unit.includes(",") ? serialOf(query.unit) : "");
   const step = question(now);
   useOwn(who.name);
   useBack();
@@ -129,6 +131,7 @@ export default function Start({ query }) {
     <section class="question" aria-labelledby="question">
       <${Already} />
       <h1 id="question" tabindex="-1" ref=${heading}>${t(`start.${step}.question`)}</h1>
+      ${step === "unit" && query.station && choices.plans && !asked(query, choices).station && html`<div class="notice warn" role="alert"><p>${t("start.no_such_station", { station: stationName(query.station), unit: query.unit ?? "" })}</p></div>`}
       ${step === "unit" && html`<${UnitQuestion} stations=${choices.stations} last=${lastStation.get()} given=${unanswered} answer=${answer} />`}
       ${awaited}
       ${step === "plan" && html`<${PlanQuestion} plans=${choices.plans} calibrations=${choices.calibrations} station=${station} answer=${answer} />`}
