@@ -162,6 +162,13 @@ def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> 
     assert most <= 2100
 
 
+def test_a_range_of_temperature_is_that_of_all_channels(client: httpx.Client) -> None:
+    layout = done(client, "/figures", {"kind": "channels", "runs": [RUN], "model": None})["figure"]["layout"]
+    others = [value for name, value in layout.items() if re.fullmatch(r"xaxis\d+", name)]
+    assert others
+    assert {one["matches"] for one in others} == {"x"}
+
+
 def test_a_caption_counts_time_as_its_figure_and_names_only_what_is_drawn(client: httpx.Client) -> None:
     made = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE})
     assert re.search(r"largest here at \d+\.\d\d h: ", made["words"])

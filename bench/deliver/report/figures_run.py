@@ -111,7 +111,8 @@ def channels_figure(dataset: Dataset) -> Plot | None:
         gap = 0.4 / rows
         height = (1.0 - gap * (rows - 1)) / rows
         top = 1.0 - row * (height + gap)
-        layout[f"xaxis{suffix}"] = axis(TEMPERATURE, domain=[column * 0.56, column * 0.56 + span], anchor=f"y{suffix}")
+        place = {"domain": [column * 0.56, column * 0.56 + span], "anchor": f"y{suffix}"}
+        layout[f"xaxis{suffix}"] = axis(TEMPERATURE, **place, **({"matches": "x"} if i else {}))  # zoomed together
         layout[f"yaxis{suffix}"] = axis(
             f"{name} [{CHANNELS[name].unit}]", domain=[max(0.0, top - height), top], anchor=f"x{suffix}"
         )
