@@ -47,19 +47,29 @@ export function OwnTerm({ busy, runs, onAdd }) {
   const answer = useCheck(expression, bounds, runs);
   useEffect(() => answer && setNeeded(answer.bounds ?? {}), [answer]);
   const wrong = answer && !answer.ok;
-  const add = (event) => {
-    event.preventDefault();
-    if (!answer?.ok || busy) return;
+  const ready = answer?.ok && !busy && Object.keys(answer.bounds ?? {}).every((name) => name in bounds);
+  // Who presses Enter before the check has answered means the text as it stands.
+  const [meant, setMeant] = useState(false);
+  useEffect(() => {
+    if (!meant || !ready) return;
     onAdd({ effect: "expression", formula: expression.trim(), ...(Object.keys(bounds).length ? { bounds } : {}) });
+    setMeant(false);
     setExpression("");
     setNeeded({});
+  }, [meant, ready]);
+  const add = (event) => {
+    event.preventDefault();
+    setMeant(true);
   };
   return html`<form class="wb-term" onSubmit=${add}>
     <label for="wb-term">${t("workbench.term.title")}</label>
     <div class="wb-field">
       <input id="wb-term" class="wb-code" type="text" value=${expression} spellcheck=${false} autocomplete="off" autocapitalize="off" placeholder="k * dT_dt * quadrature"
-        aria-invalid=${wrong ? "true" : "false"} aria-describedby="wb-term-check" onInput=${(event) => setExpression(event.target.value)} />
-      <button type="submit" class="narrow" disabled=${busy || !answer?.ok}>${t("workbench.suspect.add")}</button>
+        aria-invalid=${wrong ? "true" : "false"} aria-describedby="wb-term-check" onInput=${(event) => {
+          setMeant(false);
+          setExpression(event.target.value);
+        }} />
+      <button type="submit" class="narrow" disabled=${busy || !expression.trim() || wrong}>${t("workbench.suspect.add")}</button>
     </div>
     ${pairs.map(([name, pair]) => html`<${Bounds} key=${name} name=${name} value=${pair}
       onChange=${(which, ends) => setTyped((old) => ({ ...old, [which]: ends }))} />`)}
