@@ -348,6 +348,19 @@ def test_that_an_abort_may_not_have_arrived_is_not_said_any_more_when_the_run_en
     page.get_by_text("this run may NOT be aborted").wait_for(state="detached")
 
 
+def test_an_abort_that_a_silent_server_has_not_confirmed_is_not_told_as_done(bench, visitors):
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
+    page = visitors.come(bench.site.address)
+    page.goto(f"/live/{run}")
+    page.get_by_role("button", name="Abort …").click()
+    with bench.site.silent():
+        page.get_by_role("button", name="Abort the run").click()
+        page.get_by_text("The abort is requested").wait_for()
+        assert not page.get_by_text("The chamber goes to its safe state").count()
+        page.get_by_text("this run may NOT be aborted").wait_for()
+    page.get_by_role("heading", name="ABORTED").wait_for()
+
+
 RETRIED_MS, SILENT_MS = 2000, 12_000
 TRIES = SILENT_MS // RETRIED_MS + 1
 

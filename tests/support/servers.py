@@ -37,6 +37,15 @@ class Site:
         threading.Thread(target=self._child.stderr.read, daemon=True).start()
         self.address = found.group(0).rstrip("/")
 
+    @contextmanager
+    def silent(self):
+        """It takes requests and answers none, and does what was asked when it goes on."""
+        self._child.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._child.send_signal(signal.SIGCONT)
+
     def end(self):
         self._child.send_signal(signal.SIGTERM)
         self._child.wait(60)

@@ -6,6 +6,7 @@ import { may } from "../../lib/store.js";
 import { sign, t } from "../../lib/words.js";
 import { operatorOf } from "../start/operator.js";
 import { GoOn, isResumed } from "./resume.js";
+import { isOld } from "./words.js";
 
 const POSSIBLE = { running: ["hold", "pause"], pausing: ["hold", "resume"], holding: ["resume"] };
 const SIGNS = {
@@ -27,7 +28,7 @@ export function Actions({ run }) {
   const [error, setError] = useState(null);
   const [sure, setSure] = useState(false);
   useEffect(() => {
-    setRequested((action) => (action === "abort" ? action : ""));
+    setRequested((action) => (action.startsWith("abort") ? action : ""));
     if (run.state === "ending") setError(null); // whatever was not known of an abort, it has arrived
   }, [run.state]);
   if (!may("operator")) return null;
@@ -37,7 +38,7 @@ export function Actions({ run }) {
     const [unit, folder] = run.run.split("/");
     try {
       await post(url`/live/${unit}/${folder}/${action}`, operatorOf());
-      if (action !== "abort") setRequested("");
+      setRequested(action === "abort" ? "aborted" : "");
     } catch (problem) {
       // Whether an abort arrived is not known without an answer: the person must go to the equipment.
       setError(action === "abort" && (problem.status === 0 || problem.status >= 500) ? t("abort.offline") : problem);
@@ -45,15 +46,16 @@ export function Actions({ run }) {
     }
   };
   const reached = run.condition !== "gone";
-  const ending = requested === "abort" || run.state === "ending";
+  const ending = requested === "aborted" || run.state === "ending";
+  const aborting = ending || requested === "abort";
   return html`<div class="actions" role="group" aria-label=${t("actions.label")}>
-    <${Trouble} error=${error} forget=${() => setError(null)} />
+    <${Trouble} error=${error ?? (aborting && !ending && isOld(run) && t("abort.offline"))} forget=${() => setError(null)} />
     ${isResumed(run) ? html`<${GoOn} run=${run.run} />` : html`<div class="actions-row">
-      ${!ending && (POSSIBLE[run.state] ?? []).map((action) => html`
+      ${!aborting && (POSSIBLE[run.state] ?? []).map((action) => html`
         <button type="button" key=${action} class=${action === "resume" ? "go" : ""} disabled=${!reached || requested !== ""} onClick=${() => ask(action)}>
           <${Sign} action=${action} /> ${t(action === "resume" && run.state === "pausing" ? "actions.go_on" : `actions.${action}`)}</button>`)}
-      <span class="actions-gap soft">${ending ? t("actions.ending") : note(run)}</span>
-      <button type="button" class="stop" disabled=${!reached || ending} onClick=${() => setSure(true)}><${Sign} action="abort" /> ${t("actions.abort")}</button>
+      <span class="actions-gap soft">${aborting ? t(ending ? "actions.ending" : "actions.asked") : note(run)}</span>
+      <button type="button" class="stop" disabled=${!reached || aborting} onClick=${() => setSure(true)}><${Sign} action="abort" /> ${t("actions.abort")}</button>
     </div>`}
     ${sure && html`<${Sure} run=${run} close=${() => setSure(false)} abort=${() => {
       setSure(false);

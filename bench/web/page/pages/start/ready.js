@@ -2,6 +2,7 @@
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
 import { Curve, range } from "../../lib/curve.js";
 import { Busy, Lamp, Shape, Trouble } from "../../lib/parts.js";
+import { useLive } from "../../lib/live.js";
 import { navigate } from "../../lib/router.js";
 import { startRun } from "../../lib/starts.js";
 import { remembered } from "../../lib/store.js";
@@ -78,6 +79,7 @@ export function Ready({ order, answer, plan, plans, station, limits, begun }) {
 function StartButton({ ready, starting, later, wrong, warnings, start }) {
   const button = useRef(null);
   const words = useRef(null);
+  const unheard = useLive((now) => now.connected === false);
   useEffect(() => {
     // Enter starts the run after the check has ended, unless another element has the focus.
     if (ready && (document.activeElement === document.body || ["question", "main"].includes(document.activeElement?.id))) {
@@ -88,7 +90,7 @@ function StartButton({ ready, starting, later, wrong, warnings, start }) {
   return html`<button type="button" ref=${button} class="go giant" disabled=${!ready} aria-describedby=${wrong ? "check" : undefined} onClick=${start}>
     ${starting ? t("ready.starting") : later ? t("ready.plan_it") : t("ready.start")}
   </button>
-  <p class="soft" role="status" ref=${words}>${ready && warnings > 0 && html`<a class="tone-warn" href="#check">${t("ready.warnings", { n: warnings })}</a><br />`}${wrong ? html`<a class="tone-bad" href="#check">${t("ready.bad")}</a>` : starting ? t("ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
+  <p class="soft" role="status" ref=${words}>${ready && warnings > 0 && html`<a class="tone-warn" href="#check">${t("ready.warnings", { n: warnings })}</a><br />`}${wrong ? html`<a class="tone-bad" href="#check">${t("ready.bad")}</a>` : starting ? t(unheard ? "ready.unheard" : "ready.starting_long") : ready && !later ? t("ready.consequence") : ""}</p>`;
 }
 
 function Facts({ plan, result, station, units }) {
