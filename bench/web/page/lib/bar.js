@@ -5,7 +5,7 @@ import { call, calling } from "./calls.js";
 import { useLive } from "./live.js";
 import { Dialog, Trouble, useTyping } from "./parts.js";
 import { leave, navigate } from "./router.js";
-import { session, theme, useStore } from "./store.js";
+import { badge, session, theme, useStore } from "./store.js";
 import { LANGUAGES, language, speak, t } from "./words.js";
 
 const PAGES = [
@@ -63,8 +63,10 @@ export function Pin({ id, children }) {
   const enter = async (event) => {
     event.preventDefault();
     try {
-      await post("/session/pin", { pin: field.current.value.trim() });
+      const pin = field.current.value.trim();
+      await post("/session/pin", { pin });
       await again();
+      badge.set(pin);
     } catch (problem) {
       setError([401, 422].includes(problem.status) ? t("pin.wrong") : problem);
       field.current.value = "";

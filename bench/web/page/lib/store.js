@@ -63,6 +63,9 @@ theme.subscribe(() => dispatchEvent(new Event("bench-theme")));
 
 /** The signed-in user: the answer of `/session`, null before it. */
 export const session = store(null);
+/** The PIN or badge that named the operator on this page, kept nowhere else and only while it does. */
+export const badge = store("");
+session.subscribe((who) => !who?.pin_s && badge.set(""));
 
 const RANK = { viewer: 1, operator: 2, engineer: 3 };
 

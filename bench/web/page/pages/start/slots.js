@@ -1,13 +1,17 @@
 // One serial number for each slot of a station: scanned or typed, Enter goes to the next slot.
 import { useTyping } from "../../lib/parts.js";
 import { html, useRef, useState } from "../../lib/preact.js";
-import { session } from "../../lib/store.js";
+import { badge, session } from "../../lib/store.js";
 import { inSlot, repeated, same } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
+
+/** Whether it is the badge, or PIN, by which this page was given to its operator; that of anybody else only the server could know, and must not tell. */
+export const isBadge = (text) => Boolean(session.get().pin_s) && text.trim() === badge.get();
 
 /** What is wrong with the serial numbers by slot, in words; empty where nothing is. */
 export function wrongIn(slots, serials) {
   const given = slots.map((slot) => (serials[slot] ?? "").trim());
+  if (given.some(isBadge)) return t("start.own_badge", { name: session.get().name });
   const twice = given.find((serial, index) => serial && given.findIndex((other) => same(serial, other)) < index);
   if (twice) return t("start.slots_twice", { serial: twice });
   const at = given.findIndex((serial, index) => slots.some((slot, other) => other !== index && same(serial, slot)));

@@ -4,7 +4,8 @@ import { Trouble, useTyping } from "../../lib/parts.js";
 import { inSlot, repeated, same } from "../../lib/units.js";
 import { stationName } from "../../lib/names.js";
 import { t } from "../../lib/words.js";
-import { Doubled, NoBadge, SlotsForm } from "./slots.js";
+import { session } from "../../lib/store.js";
+import { Doubled, isBadge, NoBadge, SlotsForm } from "./slots.js";
 
 /** Characters that a serial number may have. */
 const LONGEST = 64;
@@ -22,7 +23,7 @@ export function UnitQuestion({ stations, last, given, answer }) {
   const [wrong, setWrong] = useState("");
   const [doubled, setDoubled] = useState({ serial: "", single: "" });
   const [chosen, setChosen] = useState("");
-  const [long, setLong] = useState(false);
+  const [refused, setRefused] = useState("");
   const [filling, setFilling] = useState(null);
   const [early, setEarly] = useState(given);
   const sound = (stations ?? []).filter((station) => !station.problem);
@@ -34,8 +35,9 @@ export function UnitQuestion({ stations, last, given, answer }) {
     const read = places.length || meant ? "" : repeated(serial, sound.flatMap((station) => station.units));
     const single = tooLong && !whereIs(sound, read).length ? "" : read;
     setDoubled({ serial: serial.trim(), single });
-    setLong(tooLong && !single);
-    setWrong(places.length || tooLong || single ? "" : serial.trim());
+    const own = isBadge(serial);
+    setRefused(own ? t("start.own_badge", { name: session.get().name }) : tooLong && !single ? t("start.serial_long", { most: LONGEST }) : "");
+    setWrong(places.length || tooLong || single || own ? "" : serial.trim());
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
     return undefined;
@@ -46,7 +48,7 @@ export function UnitQuestion({ stations, last, given, answer }) {
   if (filling) return html`<${SlotsForm} station=${filling} answer=${answer} back=${() => setFilling(null)} />`;
   if (asked) return html`<${WhichStation} places=${asked} last=${last} answer=${answer} back=${() => setAsked(null)} />`;
   return html`<${SerialField} take=${take} />
-    <div aria-live="assertive">${long && html`<div class="notice warn"><p>${t("start.serial_long", { most: LONGEST })}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p><${NoBadge} /></div>`}
+    <div aria-live="assertive">${refused && html`<div class="notice warn"><p>${refused}</p></div>`}${wrong && html`<div class="notice warn"><p>${t("start.unknown_unit", { serial: wrong })}</p><${NoBadge} /></div>`}
       ${doubled.single && html`<${Doubled} ...${doubled} take=${(serial) => {
         take(serial, true);
         setChosen(serial);
