@@ -191,6 +191,23 @@ def test_what_people_wrote_is_not_translated_in_part(written: str, own: str | No
     assert page_modules.told("lib/told.js", script, written) == own
 
 
+@pytest.mark.parametrize(
+    ("name", "own"),
+    [
+        ("heating", None),
+        ("rows", None),
+        ("start", "початок"),
+        ("2: constant at 55", "2: стало за 55"),
+        ("soak at 25 (2)", "витримка за 25 (2)"),
+    ],
+)
+def test_a_segment_that_a_person_named_stays_so_where_the_bench_has_that_word_elsewhere(
+    name: str, own: str | None
+) -> None:
+    script = "console.log(JSON.stringify(page.ofBench(given, 'uk', true)))"
+    assert page_modules.told("lib/told.js", script, name) == own
+
+
 @pytest.mark.parametrize("wrong", ["станці", "випробуван", r"\bза межами"], ids=["station", "run", "outside limits"])
 def test_a_ukrainian_word_means_one_thing(wrong: str) -> None:
     """A station is «стенд», a run «прогін»; «за межами» says "by limits" and "outside limits" at once."""

@@ -59,10 +59,10 @@ export function Said({ text, whole = false, names = [] }) {
   return shown(known?.told(text, spoken), whole, names) ?? html`<span lang="en">${shown(english(text), whole, names)}</span>`;
 }
 
-/** A name or text that people may have written, then as they wrote it; one that the bench writes, too, in the reader's language. */
-export function Written({ text }) {
+/** A name or text that people may have written, that of a `segment`, then as they wrote it; one that the bench writes, too, in the reader's language. */
+export function Written({ text, segment = false }) {
   const known = useStore(sentences);
   const spoken = useStore(language);
   if (text && spoken !== "en" && !asked) fetchThem();
-  return text && (known?.ofBench(text, spoken) ?? signed(text));
+  return text && (known?.ofBench(text, spoken, segment) ?? signed(text));
 }

@@ -74,8 +74,9 @@ export const told = (text, spoken) => (spoken in rules.columns ? tell(text, rule
 
 const MEANT = new RegExp(`^(?:${rules.number}|${rules.measured}|${rules.bare})$`);
 
-/** The text in a language, where it is as a whole one that the bench writes, with nothing but numbers at its places; null for one that people wrote. */
-export function ofBench(text, spoken) {
+/** The text in a language, where it is as a whole one that the bench writes, with nothing but numbers at its places; null for one that people wrote: a `segment` of the bench is no mere word. */
+export function ofBench(text, spoken, segment = false) {
+  if (segment && !whole(rules.segment).test(text)) return null;
   const one = sentences.map(({ regex }) => text.match(regex)).find(Boolean);
   return Object.hasOwn(known, text) || (one && Object.values(one.groups ?? {}).every((value) => MEANT.test(value))) ? told(text, spoken) : null;
 }

@@ -47,7 +47,7 @@ const HEADS = () => ({
 });
 const NAMES = {
   quantity: quantityWord, unit: symbols, counter: (name) => or(`loss.${name}`, name.replaceAll("_", " ")),
-  segment: (text) => html`<${Written} text=${text} />`, where: placed,
+  segment: (text) => html`<${Written} segment text=${text} />`, where: placed,
 };
 
 /** A place in a file of settings (`segments[0].to_degc`) in words, as far as the page has them. */

@@ -47,7 +47,7 @@ function BySegment({ segments }) {
   const of = (one) => (floor ? one.floor_ratio : one.rms_dph);
   const most = Math.max(floor ? 1 : 0, ...segments.map((one) => of(one) ?? 0)) || 1;
   return html`<details class="wb-segments"><summary>${t(floor ? "workbench.ladder.segments" : "workbench.ladder.segments_dph")}</summary>
-    <ul>${segments.map((one, i) => html`<li key=${i}><span><${Written} text=${one.name} /></span>
+    <ul>${segments.map((one, i) => html`<li key=${i}><span><${Written} segment text=${one.name} /></span>
       <span class="wb-bar" aria-hidden="true"><span class="wb-fill" style=${{ width: `${(100 * (of(one) ?? 0)) / most}%` }}></span></span>
       <b>${floor ? `${number(one.floor_ratio, 2)} ×` : number(one.rms_dph)}</b></li>`)}</ul></details>`;
 }
