@@ -359,6 +359,7 @@ def test_an_abort_that_a_silent_server_has_not_confirmed_is_not_told_as_done(ben
         assert not page.get_by_text("The chamber goes to its safe state").count()
         page.get_by_text("this run may NOT be aborted").wait_for()
     page.get_by_role("heading", name="ABORTED").wait_for()
+    page.wait_for_function("() => document.title.startsWith('ABORTED · ')")  # for who has the tab in the background
 
 
 RETRIED_MS, SILENT_MS = 2000, 12_000

@@ -7,7 +7,7 @@ import { keepFocus } from "./lib/kept.js";
 import { live } from "./lib/live.js";
 import { Busy, Trouble } from "./lib/parts.js";
 import { here, match, navigate, takeLinks } from "./lib/router.js";
-import { session, useStore } from "./lib/store.js";
+import { outcome, session, useStore } from "./lib/store.js";
 import { language, speak, speakOfAll, t } from "./lib/words.js";
 import { stateWord } from "./pages/live/words.js";
 
@@ -88,8 +88,9 @@ function Place({ route, place }) {
     });
   }, [route.page]);
   const doing = useStore(live, statesOf);
+  const word = useStore(outcome);
   useEffect(() => {
-    document.title = [doing, t(route.title), t("brand")].filter(Boolean).join(" · ");
+    document.title = [...new Set([word, doing, t(route.title), t("brand")])].filter(Boolean).join(" · ");
   });
   useEffect(() => mend(), [place.path]);
   if (broken) return html`<div class="page"><${Trouble} error=${broken} retry=${mend} /></div>`;

@@ -1,5 +1,6 @@
 // Calls whoever switched it on when a run ends, holds or is lost: a sound, and a notice of the browser where it shows one.
 import { live } from "./live.js";
+import { runTitle } from "./names.js";
 import { news } from "./news.js";
 import { remembered } from "./store.js";
 import { t } from "./words.js";
@@ -37,5 +38,11 @@ live.subscribe((now) => {
   if (!calling.get() || !found.length) return;
   sound();
   if (globalThis.Notification?.permission !== "granted") return;
-  for (const { run, what } of found) new Notification(t(`call.${what}`, { run }), { tag: run });
+  for (const { run, what } of found) {
+    try {
+      new Notification(t(`call.${what}`, { run: `${run.split("/")[0]} ${runTitle(run)}` }), { tag: run });
+    } catch {
+      // A browser of a telephone shows none of a page: the sound has called.
+    }
+  }
 });

@@ -61,6 +61,15 @@ export function useStore(source, select = (value) => value) {
 export const theme = remembered("theme", null);
 theme.subscribe(() => dispatchEvent(new Event("bench-theme")));
 
+/** How what the page shows has ended, or waits, in a word for the title of the browser's tab. */
+export const outcome = store("");
+export function useOutcome(word) {
+  useEffect(() => {
+    outcome.set(word);
+    return () => outcome.set("");
+  }, [word]);
+}
+
 /** The signed-in user: the answer of `/session`, null before it. */
 export const session = store(null);
 /** The PIN or badge that named the operator on this page, kept nowhere else and only while it does. */

@@ -4,7 +4,7 @@ import { compute, get, url } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
-import { may } from "../lib/store.js";
+import { may, useOutcome } from "../lib/store.js";
 import { asGiven, joined, moment, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName } from "../lib/names.js";
 import { GoOn } from "./live/resume.js";
@@ -56,6 +56,7 @@ export default function Verdict({ params }) {
   const words = end ? units.map((unit) => judged(end, unit)) : [];
   const [word] = worstFirst(words);
   const shown = units[words.indexOf(word)];
+  useOutcome(word ? t(`verdict.${word}`) : "");
   const answers = useJudged(units);
   const answer = answers[shown?.run];
   if (!end && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;

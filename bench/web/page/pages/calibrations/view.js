@@ -4,7 +4,7 @@ import { post } from "../../lib/api.js";
 import { traces, useLive } from "../../lib/live.js";
 import { useLook } from "../../lib/look.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../../lib/parts.js";
-import { may } from "../../lib/store.js";
+import { may, useOutcome } from "../../lib/store.js";
 import { Trace } from "../../lib/trace.js";
 import { duration, moment, sign, t } from "../../lib/words.js";
 import { Actions } from "../live/actions.js";
@@ -28,6 +28,7 @@ export function CalibrationView({ id }) {
   useEffect(() => {
     if (ended) heading.current?.focus({ preventScroll: true });
   }, [job?.state]);
+  useOutcome(job ? stateWord(job) : "");
   if (!job && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("job.unknown", { job: id })} way="/calibrations" words=${t("nav.calibrations")} /></div>`;
   if (!job) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   return html`<article class="job">
