@@ -248,6 +248,12 @@ def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers
     steps = [{"name": name, "state": "open", "sentence": "", "cases": [], "facts": {}, "verdict": None, "run": None}
              for name in STEP_NAMES]  # fmt: skip
     steps[0] = {**steps[0], "state": "failed", "sentence": why}
+    steps[2]["run"] = "GX-1/r1"
+    steps[3] |= {
+        "state": "done",
+        "verdict": "INVALID",
+        "facts": {"limits": "INVALID", "model": "spline", "held_out_rms_dph": 0.4},
+    }
     mate = {"state": "failed", "verdict": None, "sentence": why, "certificate": False, "steps": {"check": "failed"}}
     job = {
         "job": "GX-1/1", "unit": "GX-1", "plan": "brief", "state": "failed", "verdict": None, "sentence": why,
@@ -261,6 +267,7 @@ def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers
     page.locator(".job-mates").wait_for()
     assert english(page) == []
     box = "document.querySelector('.job-mates').parentElement"
+    assert page.locator(".job-steps a[href='/verdict/GX-1/r1']").count() == 1, "why it is INVALID"
     lamp = f"{box}.querySelector('.lamp').getBoundingClientRect()"
     assert page.evaluate(f"{lamp}.right < {box}.getBoundingClientRect().right"), "how each stands is in sight"
     page.emulate_media(media="print")

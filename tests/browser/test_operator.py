@@ -102,7 +102,8 @@ def test_a_profile_is_edited_and_the_equipment_of_its_station_asked(bench, visit
     saved = (project / "profiles" / "short_5.yaml").read_text()
     assert saved.startswith("# colder, as the customer wants\n")
     page.goto("/laboratory?station=bare")
-    page.get_by_text("bench doctor bare.yaml --notify").wait_for()
+    page.get_by_role("button", name="Send everybody a trial").click()
+    page.get_by_text("this station tells nobody").wait_for()
     page.get_by_role("button", name="Ask the equipment").click()
     page.get_by_text("Everything that answered agrees").wait_for()
 

@@ -13,6 +13,7 @@ from bench.web.ground.settings import Settings
 from bench.web.shelf.steps import whole_of
 from tests.deliver.test_imu_certificate import verification
 from tests.support.imu_units import imu_record
+from tests.support.notices import webhook
 from tests.support.report_runs import quick
 from tests.support.run_folders import make_run, ramp_run
 from tests.support.waiting import until
@@ -135,6 +136,20 @@ def test_doctor_tells_what_the_station_says(bench):
     assert (found["station"], found["agrees"]) == ("simulated", True)
     assert {one["verdict"] for one in found["findings"]} <= {"agrees", "unknown", "told"}
     assert client.post("/api/v1/stations/nowhere/doctor", json={}).status_code == 400
+
+
+def test_a_trial_goes_to_everybody_whom_the_station_tells(bench):
+    client, _, folder = bench
+    stations = folder.parents[2] / "profiles" / "stations"
+    stations.mkdir(parents=True, exist_ok=True)
+    shipped = (library() / "stations" / "simulated.yaml").read_text()
+    (stations / "telling.yaml").write_text(f"{shipped}\nnotify: notify.yaml\n")
+    with webhook() as hook:
+        to = f"recipients:\n  - {{name: chat, url: 'json://127.0.0.1:{hook.port}'}}\n  - {{name: gone, url: 'json://127.0.0.1:1'}}\n"
+        (stations / "notify.yaml").write_text(to)
+        found = done(client, "/api/v1/stations/telling/notices")["recipients"]
+        assert hook.next()
+    assert (found["chat"], bool(found["gone"]), ":1" in found["gone"]) == ("", True, False)
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from bench.commands import (
     register_runs,
     replay_runs,
     report,
+    try_notices,
 )
 from bench.commands import certificate as certify
 from bench.commands import export as deliver
@@ -102,6 +103,15 @@ def examined(wanted: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(str(error)) from None
     findings = [asdict(finding) for finding in found.examination.findings]
     return {"station": found.examination.station, "agrees": not found.exit_code, "findings": findings}
+
+
+def noticed(wanted: Mapping[str, Any]) -> dict[str, Any]:
+    """`bench doctor --notify` of a station file: what went wrong by recipient, empty where the trial was taken."""
+    station = Path(wanted["station"])
+    try:
+        return {"recipients": dict(try_notices(station).recipients)}
+    except BenchError as error:
+        raise InputError(str(error).replace(f"{station.parent}/", "")) from None
 
 
 def _paper(kind: str, wanted: Mapping[str, Any], whole: Path) -> Path | None:

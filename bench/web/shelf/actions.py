@@ -159,6 +159,13 @@ def doctor(request: Request, here: Here, station: Id, who: Operator) -> Asked:
     return submit(request, "doctor", f"{_ACTING}examined", {"station": str(file)})
 
 
+@router.post("/stations/{station}/notices", status_code=202)
+def notices(request: Request, here: Here, station: Id, who: Engineer) -> Asked:
+    """Request `bench doctor --notify`: a trial to all whom the station tells of its runs, by their names."""
+    file = named(Catalog(here.project, here.own).stations(), station, "station")
+    return submit(request, "notices", f"{_ACTING}noticed", {"station": str(file)})
+
+
 def _order(wanted: Writing, unit: str, plan: str, request: Request, here: Here, who: Who) -> Order:
     station = named(Catalog(here.project, here.own).stations(), wanted.station, "station")
     place, serials = seated(station_file(station), [wanted.slot or unit])

@@ -57,6 +57,7 @@ export default function Laboratory({ query }) {
     <div class="field"><label for="station">${t("papers.station")}</label>
       <select id="station" value=${chosen} onChange=${(event) => choose(event, chosen, setStation)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen} title=${title}>${stationName(title)}</option>`)}</select></div>
     ${may("operator") && chosen && html`<${Doctor} key=${`doctor ${chosen}`} station=${chosen} />`}
+    ${may("engineer") && chosen && html`<${Notices} key=${`notices ${chosen}`} station=${chosen} />`}
     <${Trouble} error=${seen.error} />
     ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />
       <${Form} key=${`equipment ${chosen}`} kind="equipment" station=${chosen} paper=${seen.papers.equipment} empty=${{ equipment: [{}] }} Fields=${Instruments} />`}
@@ -71,11 +72,20 @@ function Doctor({ station }) {
   const { result } = job;
   return html`<section class="panel stack" aria-labelledby="doctor"><h2 id="doctor">${t("doctor.title")}</h2><p class="small soft">${t("doctor.what")}</p>
     <p><button type="button" disabled=${job.busy} onClick=${() => job.act(url`/stations/${station}/doctor`, {})}>${t("doctor.ask")}</button></p>
-    <p class="small soft">${t("doctor.notify", { command: `bench doctor ${station}.yaml --notify` })}</p>
     <${Going} job=${job} />
     ${result && html`<p role="status"><${Lamp} tone=${result.agrees ? "good" : "bad"}>${t(result.agrees ? "doctor.all" : "doctor.differs")}<//></p>
       <div class="scroll" tabindex="0" role="region" aria-label=${t("doctor.title")}><table><tbody>${result.findings.map(({ what, verdict, detail, uncertain }) => html`
         <tr key=${`${what} ${detail}`}><td><${Lamp} tone=${TONES[verdict]}>${t(`doctor.${verdict.replace(" ", "_")}`)}<//></td><th scope="row"><${Said} text=${what} /></th><td><${Said} text=${detail} />${uncertain && html`<span class="soft">${sign(" (")}${t("doctor.weak")}${sign(")")}</span>`}</td></tr>`)}</tbody></table></div>`}
+  </section>`;
+}
+
+/** Who is told of runs is written in a file, which has passwords: the page sends a trial, and knows names only. */
+function Notices({ station }) {
+  const job = useAct();
+  return html`<section class="panel stack" aria-labelledby="notices"><h2 id="notices">${t("notices.title")}</h2><p class="small soft">${t("notices.what")}</p>
+    <p><button type="button" disabled=${job.busy} onClick=${() => job.act(url`/stations/${station}/notices`, {})}>${t("notices.send")}</button></p>
+    <${Going} job=${job} />
+    <ul class="findings" role="status">${Object.entries(job.result?.recipients ?? {}).map(([name, wrong]) => html`<li key=${name}><${Lamp} tone=${wrong ? "bad" : "good"}>${name}${sign(": ")}${wrong ? html`<${Said} text=${wrong} />` : t("notices.taken")}<//></li>`)}</ul>
   </section>`;
 }
 

@@ -82,6 +82,7 @@ function Step({ step, index, job }) {
     <div><h2>${t(`step.name.${step.name}`)} <small class="soft">${stepWord(step, job)}${took(step) && !passedOver(step) && ` · ${took(step)}`}</small></h2>
       ${step.sentence && !passedOver(step) && html`<p class="small">${said(step) || html`<${Said} text=${step.sentence} />`}</p>`}
       ${step.facts?.warnings?.map((text) => html`<p key=${text} class="small warning"><${Said} text=${ofPlans(text)} whole names=${[job.unit]} /></p>`)}
+      ${step.name === "fit" && ["FAIL", "INVALID"].includes(step.verdict) && html`<p class="small"><a href=${`/verdict/${job.steps.find(({ name }) => name === "run").run}`}>${t("job.why")}</a></p>`}
       ${ready && html`<p class="small">${step.name === "verify" ? html`<a href=${`/runs/${step.run}`}>${t("run.open")}</a>` : html`<a href=${`/workbench?run=${encodeURIComponent(step.run)}`}>${t("verdict.workbench")}</a>`}</p>`}
     </div></li>`;
 }
