@@ -18,6 +18,7 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from inspect import isfunction, signature
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,31 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import fit_model
 from bench.base import FloatArray
 from bench.record.dataset import Dataset
-from benchmarks import campaigns, cases
+from benchmarks import (
+    campaigns,
+    cases,
+    outside_truths,
+    outside_truths_last,
+    outside_truths_later,
+    outside_truths_newest,
+    outside_truths_ordinary,
+)
 from benchmarks.bars import table
-from benchmarks.outside_truths import GROUPS, TRUTHS
-from benchmarks.outside_world import World, constants
+from benchmarks.outside_world import Truth, World, constants
 from benchmarks.trials import MODEL
 
 RUN, CHECK, JUDGE = cases.TWO_RATES, cases.LOOPS, "steps_-40_85"
 LEAST_SHARE = 0.8
 MOST_RATIO = 1.15
+TRUTHS: dict[str, Truth] = {
+    name: truth
+    for module in (
+        outside_truths, outside_truths_later, outside_truths_last, outside_truths_newest, outside_truths_ordinary
+    )
+    for name, truth in vars(module).items()
+    if isfunction(truth) and truth.__module__ == module.__name__ and [*signature(truth).parameters] == ["w", "rng"]
+}  # fmt: skip
+"""In the order in which they were written."""
 
 
 @dataclass(frozen=True)
@@ -172,24 +189,24 @@ def section(path: Path) -> str:
     if not results:
         return ""
     rows = []
-    for strength in sorted({trial.strength for trial, _ in results}):
-        for words, group in {**GROUPS, "at any time: all": tuple(TRUTHS.values())}.items():
-            own = [found for trial, found in results if trial.strength == strength and TRUTHS[trial.truth] in group]
-            if own:
-                shares = (_share(own, key) for key in ("share", "checked", "ratio"))
-                rows.append((f"{strength:g}, written {words}", str(len(own)), *shares,
-                             *(f"{np.median([one[key] for one in own]):.2f}" for key in ("before", "ratio")),
-                             f"{np.median([one['cpu_s'] for one in own]):.1f}"))  # fmt: skip
-    head = ("strength", "runs", "right or equivalent first", "within 1.15 of the true model's on the check run",
+    for strength, seed in sorted({(trial.strength, trial.seed) for trial, _ in results}):
+        own = [found for trial, found in results if (trial.strength, trial.seed) == (strength, seed)]
+        shares = (_share(own, key) for key in ("share", "checked", "ratio"))
+        medians = (f"{np.median([one[key] for one in own]):.2f}" for key in ("before", "ratio"))
+        rows.append((f"{strength:g}", str(seed), str(len(own)), *shares, *medians,
+                     f"{np.median([one['cpu_s'] for one in own]):.1f}"))  # fmt: skip
+    head = ("strength", "seed", "runs", "right or equivalent first", "within 1.15 of the true model's on the check run",
             "on the third run", "before, median", "with the answer, median", "CPU [s], median")  # fmt: skip
-    missed = [f"{trial.truth} ({trial.strength:g})" for trial, found in results if found["share"] < LEAST_SHARE]
+    missed = [
+        f"{trial.truth} ({trial.strength:g}, {trial.seed})" for trial, found in results if found["share"] < LEAST_SHARE
+    ]
     return (
         f"## Outside the catalogue: {len(TRUTHS)} mechanisms that neither catalogue nor grammar hold\n\n"
         "`python -m benchmarks.outside`. The first answer (a formula, else the effects named) is judged on a run of "
         "a third profile that the bench was not given, beside a run and a check run: right or equivalent, where it "
         "predicts at least 80 % of the variance that the truth adds; errors are over that of the model from which the "
         "truth was taken away. Bar: 90 %.\n"
-        f"{table(head, rows)}\n\nNot described (strength): {', '.join(missed) or 'none'}.\n"
+        f"{table(head, rows)}\n\nNot described (strength, seed): {', '.join(missed) or 'none'}.\n"
     )
 
 

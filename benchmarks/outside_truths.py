@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks import outside_truths_last, outside_truths_later, outside_truths_newest, outside_truths_ordinary
-from benchmarks.outside_world import Truth, World, follows, log_uniform
+from benchmarks.outside_world import World, follows, log_uniform
 
 
 def quadrature_of_a_gradient(w: World, rng: np.random.Generator) -> FloatArray:
@@ -272,57 +271,3 @@ def dead_zone_of_the_gap(w: World, rng: np.random.Generator) -> FloatArray:
     """A door seal moves once the air is far enough from the case."""
     gap = w.air - w.case
     return np.sign(gap) * np.clip(np.abs(gap) - rng.uniform(1.0, 3.0), 0.0, None)
-
-
-GROUPS = {
-    "before the search was frozen": (
-        quadrature_of_a_gradient,
-        radiation,
-        stress_that_relaxes,
-        etalon_of_a_mass,
-        beat,
-        regulator,
-        compressor_heat,
-        crossing_of_modes,
-        melting,
-        duffing,
-        leak_by_the_air,
-        friction_joints,
-        brown_out,
-        plume,
-    ),
-    "after it was frozen, before it grew": (
-        drying,
-        heater_pickup,
-        bimetal,
-        sticking_electrode,
-        rectified_supply,
-        starts_of_the_compressor,
-        two_walls,
-        activated_relaxation,
-        drive_of_a_gradient,
-        quadrature_that_moves,
-        warms_fast_and_cools_slowly,
-        root_of_a_flow,
-    ),
-    "after it was frozen again, before it grew again": (
-        diffusion,
-        saturating_gradient,
-        condensation,
-        supply_by_inner_temperature,
-        frequency_pulling,
-        quadrature_by_frequency,
-        compressor_when_cold,
-        exposure_above,
-        first_heating,
-        ringing_mount,
-        dissipation_of_the_drive,
-        dead_zone_of_the_gap,
-    ),
-    **outside_truths_later.GROUPS,
-    **outside_truths_last.GROUPS,
-    **outside_truths_newest.GROUPS,
-    **outside_truths_ordinary.GROUPS,
-}
-"""By when they were written."""
-TRUTHS: dict[str, Truth] = {truth.__name__: truth for group in GROUPS.values() for truth in group}

@@ -269,17 +269,3 @@ def quadrature_late(w: World, rng: np.random.Generator) -> FloatArray:
 def compressor_by_gradient(w: World, rng: np.random.Generator) -> FloatArray:
     """Shaking by the compressor moves what a gradient has bent."""
     return np.asarray(w.compressor * _behind(w, rng, 200, 600))
-
-
-GROUPS = {
-    "as textbooks have them, after covers and hops had come": (
-        two_gradients, spread_relaxation, power_of_the_rate, gradient_by_temperature, gradient_in_the_cold,
-        magnet_by_temperature, play_that_narrows, slab, gap_squared, chirped_etalon, etalon_inside,
-        quadrature_by_gradient, compressor_by_gap, supply_by_temperature, frequency_squared_late, root_of_time,
-        logarithm_since_the_turn, relay_of_an_inner_part, bump_while_cooled, unlike_up_and_down, gradient_with_limits,
-        gradient_beyond_a_slot, lag_that_thaws, water_by_arrhenius, heater_by_supply, drive_by_gradient, loop_by_rate,
-        beat_by_temperature, exponential_gap, mode_late, gap_by_gradient, dose_of_warmth, gradient_that_turns_over,
-        kick_at_each_turn, quadrature_late, compressor_by_gradient,
-    ),
-}  # fmt: skip
-"""By when they were written."""
