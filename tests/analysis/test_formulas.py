@@ -187,9 +187,9 @@ def passed_on(case):
     return 90.0 * out
 
 
-def drawn_in(case):
-    """A seal near 10 degC lets air in while the unit is heated, and none out."""
-    return 0.4 * np.maximum(60.0 * np.gradient(case), 0.0) * np.exp(-(((case - 10.0) / 15.0) ** 2))
+def stiffened(case):
+    """A glue passes a gradient on, e times as much for every 30 degC that it is colder."""
+    return 0.2 * 60.0 * np.gradient(case) * np.exp(-(case - 25.0) / 30.0)
 
 
 def loosened(case):
@@ -251,7 +251,7 @@ def diagnosed(quiet, hidden):
 @pytest.mark.parametrize(
     ("hidden", "formula"),
     [
-        (drawn_in, r"k \* above\(dT_dt\) \* exp\(-\(\(temperature - (9|1[01])\.\d*\)/1[3-7](\.\d*)?\)\*\*2\)"),
+        (stiffened, r"k \* dT_dt \* exp\(-0\.03[0-6]\d* \* \(temperature - 25\)\)"),
         (loosened, r"k \* dT_dt \* above\(temperature - (2[89]|3[0-2])(\.\d*)?\)"),
         (softened, r"k \* lag\(above\(temperature - 3\d(\.\d*)?\), (1[6-9]|2[0-4])\d\d(\.\d*)?\)"),
         (trapped, r"k \* \(temperature - uneven_lag\(temperature, \d+(\.\d+)?, [56]\d\d\d(\.\d+)?\)\)"),

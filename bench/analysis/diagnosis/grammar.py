@@ -316,6 +316,7 @@ class Grammar:
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
         inner, lagging = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),), ((300.0,), (900.0,), (2700.0,))
+        warmer, warmth = (("warmer", (-0.12, 0.12)),), ((-0.06,), (-0.025,), (0.025,), (0.06,))
         places = (
             ("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", window),
             ("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", window[2:-2:2]),
@@ -325,6 +326,10 @@ class Grammar:
             self._centred("temperature"),
             Block(f"(temperature - {middle:.4g})**2", "temperature squared", "degC^2"),
             *(self._placed(Block(text, words, "", bounds, tried, places=1)) for text, words, tried in places),
+            Block("exp({warmer} * (temperature - 25))", "an exponential of a temperature", "", warmer, warmth,
+                  looser=Block("exp({warmer} * (lag(temperature, {tau_s}) - 25))",
+                               "an exponential of a temperature that lags", "", (*warmer, *inner),
+                               tuple((*one, *tau) for one in warmth for tau in lagging[:2]))),
             Block(f"lag((temperature - {middle:.4g}), {{tau_s}})", "a temperature that lags", "degC", inner, lagging,
                   looser=Block("(lag(temperature, {tau_s}) - {centre})", "a temperature that lags, from a value",
                                "degC", (*inner, ("centre", (low - span, high + span))),
