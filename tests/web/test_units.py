@@ -191,6 +191,30 @@ def test_a_verification_is_no_calibration(tmp_path):
     assert unit["runs"][0]["kind"] == "verification"
 
 
+@pytest.mark.parametrize(("state", "word"), [("aborted", "PASS"), ("fault", None), ("done", "INVALID")])
+def test_a_run_that_was_aborted_or_is_invalid_is_no_calibration(tmp_path, state, word):
+    """The last calibration of the unit is the one before it; its runs list it with its outcome."""
+    folders = unit_with_history(tmp_path)
+    with served(Settings(out=tmp_path)) as client:
+
+        def told():
+            client.post(f"{API}/registry", json={})
+            (line_of,) = client.get(f"{API}/units").json()["units"]
+            return line_of, client.get(f"{API}/units/{UNIT}").json()
+
+        before, _ = told()
+        assert before["calibrated"] == json.loads((folders[-1] / "manifest.json").read_text())["created"]
+        last = json.loads((folders[-1] / "manifest.json").read_text())
+        keep(folders[-1], "manifest.json", {**last, "state": state, "cause": "operator"})
+        keep(folders[-1], "limits.json", {"name": "vibratory", "verdict": word, "results": []})
+        after, unit = told()
+    earlier = json.loads((folders[-2] / "manifest.json").read_text())["created"]
+    assert (after["calibrated"], after["calibrations"], after["runs"]) == (earlier, 4, 6)
+    assert (before["standing"], after["standing"]) == ("fail", "pass")
+    assert len(unit["calibrations"]) == unit["of"]["calibrations"] == 4
+    assert (unit["runs"][0]["state"], unit["runs"][0]["judged"]) == (state, word)
+
+
 def test_units_that_cannot_be_judged_are_not_counted_as_rejects(tmp_path):
     line(tmp_path, 12)
     limits = tmp_path / "profiles" / "limits"

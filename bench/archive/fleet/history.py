@@ -17,6 +17,7 @@ from bench.archive.registry.asking import known_unit, rows_of
 from bench.archive.registry.asking import runs as runs_of
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import IMU
+from bench.archive.registry.summaries import calibrates
 from bench.base import InputError
 from bench.record import (
     CertificateRecord,
@@ -112,10 +113,14 @@ def calibrations(
     passed_before = False
     for run in runs:
         row = rows.get(run["id"])
-        if row is None or row["model"] is None or run["corrected"]:
+        if row is None or row["model"] is None:
             continue
-        held_here, refused = held in _names(run, row, archive), row["judged"] in _REFUSED
-        status = _IN_UNIT if held_here else _status(run, row, passed_before)
+        held_here = held in _names(run, row, archive)
+        if not held_here and not calibrates(run, row["judged"]):
+            continue
+        refused = row["judged"] in _REFUSED
+        passed = not refused and row["verdict"] not in _UNPROVEN
+        status = _IN_UNIT if held_here else "not_passed" if not passed else "superseded" if passed_before else "newest"
         usable = status != "not_passed" and not refused
         passed_before |= usable
         certificate = None
@@ -138,12 +143,6 @@ def _names(run: Mapping[str, Any], row: Mapping[str, Any], archive: Archive) -> 
     with contextlib.suppress(InputError):  # a damaged record is told where it is opened
         whole = None if folder is None else whole_fitted_to(folder)
     return {str(run["path"]).rpartition("/")[2]} if whole is None else {whole.name}
-
-
-def _status(run: Mapping[str, Any], row: Mapping[str, Any], passed_before: bool) -> str:
-    if row["judged"] in _REFUSED or row["verdict"] in _UNPROVEN or run["state"] != "done":
-        return "not_passed"
-    return "superseded" if passed_before else "newest"
 
 
 def printed_certificate(root: Path, serial: str, number: str) -> Path | None:

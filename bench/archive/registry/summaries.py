@@ -6,7 +6,7 @@ that a list of a million units is asked for and not counted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, cast
 
 from sqlalchemy import Connection, case, delete, func, insert, select
@@ -55,11 +55,19 @@ def _rows(connection: Connection, serials: list[str]) -> list[dict[str, Any]]:
         one = units[row.unit]
         one["runs"] += 1
         one |= {"last": row.created, "last_run": row.path, "state": row.state, "station": row.station}
-        if row.model is not None and not row.corrected:  # nothing is fitted to a unit that corrected itself
+        if calibrates(row._mapping, row.judged):
             one["calibrations"] += 1
             one |= {"calibrated": row.created, "model": row.model, "judged": row.judged, "certificate": row.number}
             one["standing"] = _standing(row.judged)
     return list(units.values())
+
+
+def calibrates(run: Mapping[Any, Any], judged: str | None) -> bool:
+    """Whether a run, with the model that was fitted to it, is a calibration of its unit.
+
+    One that was aborted or is INVALID is none, and nothing is fitted to a unit that corrected itself.
+    """
+    return run["model"] is not None and run["state"] == "done" and not run["corrected"] and judged != Verdict.INVALID
 
 
 def _empty(serial: str, lot: str | None) -> dict[str, Any]:
