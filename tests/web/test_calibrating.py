@@ -323,16 +323,20 @@ def test_units_that_began_together_are_told_together_and_one_goes_on_alone(setti
     units = ["SIM-0001", "GX-2@SIM-0002"]
     orders = Order.load_all(plan, station, units, settings.out, quiet=True)
     held = Fake("diagnose", done=Done("in doubt", hold="a person must look"))
-    calibrate_all(
-        orders[:1], steps=[Fake("check"), Fake("static", done=Done("", cases=[Case("static", skipped=True)]))]
-    )
+    spoilt = Done("", cases=[Case("fit")], verdict="INVALID")
+    skipped = Done("", cases=[Case("static", skipped=True)])
+    calibrate_all(orders[:1], steps=[Fake("check"), Fake("static", done=skipped), Fake("fit", done=spoilt)])
     calibrate_all(orders[1:], steps=[Fake("check"), held])
     record(settings, units, orders)
     with served(settings) as client:
         listed = client.get("/api/v1/calibrations").json()["jobs"]
         assert {job["unit"]: job["state"] for job in listed} == {"SIM-0001": "ended", "GX-2": "held"}
         assert {mate["unit"]: mate["state"] for mate in listed[0]["together"]} == {"SIM-0001": "ended", "GX-2": "held"}
-        assert listed[0]["together"][0]["steps"] == {"check": "done", "static": "skipped"}
+        assert listed[0]["together"][0]["steps"] == {
+            "check": {"state": "done", "verdict": None},
+            "static": {"state": "skipped", "verdict": None},
+            "fit": {"state": "done", "verdict": "INVALID"},
+        }
         begun = []
         answer = lambda order, _: begun.append(order) or start_of(order)  # noqa: E731
         monkeypatch.setattr("bench.web.live.calibrating.begun", answer)

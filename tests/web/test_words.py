@@ -385,6 +385,12 @@ def test_a_step_that_ended_with_warnings_is_no_good_one() -> None:
     assert told("pages/calibrations/words.js", script, steps) == ["good", "warn"]
 
 
+def test_a_step_has_the_colour_and_the_word_of_its_outcome() -> None:
+    steps = [{"name": "fit", "state": "done", "cases": [], "verdict": verdict} for verdict in (None, "FAIL", "INVALID")]
+    assert spoken("pages/calibrations/words.js", "stepTone", steps) == ["good", "bad", "warn"]
+    assert spoken("pages/calibrations/words.js", "stepWord", steps, "en") == ["done", "Fail", "Invalid"]
+
+
 def test_a_filter_by_days_means_the_days_of_the_reader() -> None:
     script = """
     process.env.TZ = "Europe/Kyiv";

@@ -97,6 +97,13 @@ class Release(BaseModel):
     held: str
 
 
+class Short(BaseModel):
+    """A step of another unit; `skipped` where the plan has no such one."""
+
+    state: Literal["begun", "done", "failed", "void", "skipped"]
+    verdict: str | None
+
+
 class Mate(BaseModel):
     """The calibration of another unit that was started together with this one, in short."""
 
@@ -106,8 +113,8 @@ class Mate(BaseModel):
     verdict: str | None
     sentence: str
     certificate: bool
-    steps: dict[str, str]
-    """State of each step that was begun."""
+    steps: dict[str, Short]
+    """Each step that was begun."""
 
 
 class Job(BaseModel):
@@ -373,9 +380,9 @@ def _state(folder: Path, record: JobRecord, start: dict[str, Any] | None) -> Any
     return "interrupted" if record.state == "running" else record.state
 
 
-def _short(name: str, step: StoredStep) -> str:
-    """State of a step, `skipped` where the plan has no such one."""
-    return "skipped" if any(case.skipped and case.name == name for case in step.cases) else step.state
+def _short(name: str, step: StoredStep) -> Short:
+    skipped = any(case.skipped and case.name == name for case in step.cases)
+    return Short.model_validate({"state": "skipped" if skipped else step.state, "verdict": step.verdict})
 
 
 def _step(name: str, record: JobRecord, folder: Path, here: Settings) -> StepNow:

@@ -67,7 +67,7 @@ function Together({ job }) {
         <th scope="row"><a class="mono" href=${`/calibrations/${mate.job}`}>${mate.unit}</a></th>
         <td><${Lamp} tone=${toneOf(mate)}>${stateWord(mate)}<//>${mate.certificate && html` <a href=${`/api/v1/calibrations/${mate.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}</td>
         ${job.steps.map(({ name }) => {
-          const step = { name, state: mate.steps[name] ?? "open", cases: [] };
+          const step = { name, state: "open", cases: [], ...mate.steps[name] };
           return html`<td key=${name} class=${`tone-${stepTone(step, mate)}`} title=${stepWord(step, mate)}><span aria-hidden="true">${step.state === "open" ? "·" : html`<${Shape} tone=${stepTone(step, mate)} />`}</span><span class="unseen">${stepWord(step, mate)}</span></td>`;
         })}</tr>`)}</tbody></table></div></section>`;
 }

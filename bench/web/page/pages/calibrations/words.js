@@ -23,8 +23,10 @@ export function stepTone(step, job) {
   return step.state === "begun" && job.state !== "running" ? "bad" : STEPS[step.state];
 }
 
+/** What became of a step: its verdict, else its state. */
 export function stepWord(step, job) {
   if (step.state === "done" && passedOver(step)) return t("step.skipped");
+  if (step.state === "done" && step.verdict) return outcomeWord(step.verdict);
   return t(step.state === "begun" && job.state !== "running" ? "job.state.interrupted" : `step.${step.state}`);
 }
 
