@@ -197,6 +197,7 @@ def test_what_people_wrote_is_not_translated_in_part(written: str, own: str | No
         ("heating", None),
         ("rows", None),
         ("start", "початок"),
+        ("hold", "утримання"),
         ("2: constant at 55", "2: стало за 55"),
         ("soak at 25 (2)", "витримка за 25 (2)"),
     ],

@@ -373,9 +373,9 @@ def test_a_time_that_is_expected_is_told_in_whole_minutes() -> None:
     ]  # fmt: skip
 
 
-def test_an_import_has_one_name_whether_its_file_or_its_folder_is_asked() -> None:
-    runs = [{"profile": profile} for profile in ("import of лог 7 (2).csv", f"import_{slug('лог 7 (2)')}")]
-    assert spoken("lib/names.js", "planName", runs, "en") == ["Import: лог-7-2"] * 2
+def test_an_import_has_the_name_of_its_file_and_where_only_its_folder_is_known_that_of_the_folder() -> None:
+    runs = [{"profile": profile} for profile in ("import of лог № 7 (2).csv", f"import_{slug('лог № 7 (2)')}")]
+    assert spoken("lib/names.js", "planName", runs, "en") == ["Import: лог № 7 (2)", "Import: лог-7-2"]
 
 
 def test_a_step_that_ended_with_warnings_is_no_good_one() -> None:
@@ -383,6 +383,22 @@ def test_a_step_that_ended_with_warnings_is_no_good_one() -> None:
     script = "console.log(JSON.stringify(given.map((step) => page.stepTone(step, {state: 'running'}))))"
     steps = [step, {**step, "facts": {"warnings": ["no lot"]}}]
     assert told("pages/calibrations/words.js", script, steps) == ["good", "warn"]
+
+
+@pytest.mark.parametrize(
+    ("key", "now", "after"),
+    [
+        ("ArrowRight", [0, 5], [1, 6]),
+        ("ArrowRight", [4.5, 9.5], [5, 10]),
+        ("ArrowLeft", [0.5, 5.5], [0, 5]),
+        ("ArrowLeft", [0, 10], None),
+        ("-", [6, 10], [4.4, 10]),
+        ("-", [1, 9], None),
+    ],
+)
+def test_keys_keep_a_figure_within_its_data(key: str, now: list[float], after: list[float] | None) -> None:
+    script = "console.log(JSON.stringify(page.moved(...given, [0, 10])))"
+    assert told("lib/figure.js", script, [key, now]) == (after and pytest.approx(after))
 
 
 def test_a_step_has_the_colour_and_the_word_of_its_outcome() -> None:

@@ -162,6 +162,17 @@ def test_every_figure_has_words_and_a_table(client: httpx.Client, kind: str) -> 
     assert most <= 2100
 
 
+@pytest.mark.parametrize("kind", ["time", "temperature", "loop", "axes"])
+def test_a_figure_of_a_range_says_how_far_all_data_go(client: httpx.Client, kind: str) -> None:
+    made = [
+        done(client, "/figures", {"kind": kind, "runs": [RUN], "model": SPLINE, **asked})
+        for asked in ({"from_s": 600.0, "to_s": 1800.0}, {})
+    ]
+    part, whole = (one["figure"]["layout"]["meta"]["whole"] for one in made)
+    assert part == whole
+    assert whole[1] - whole[0] > 0.4
+
+
 def test_a_range_of_temperature_is_that_of_all_channels(client: httpx.Client) -> None:
     layout = done(client, "/figures", {"kind": "channels", "runs": [RUN], "model": None})["figure"]["layout"]
     others = [value for name, value in layout.items() if re.fullmatch(r"xaxis\d+", name)]

@@ -113,11 +113,24 @@ def draw(inputs: dict[str, Any]) -> Figure:
     """
     drawing, make = Drawing.read(inputs), FIGURES[inputs["kind"]]
     try:
-        return make(drawing)
+        answer = make(drawing)
     except InputError as error:
         if isinstance(error, EmptyRangeError) or drawing.model is None or inputs["kind"] not in BARE:
             raise
-        return {**make(replace(drawing, model=None)), "note": str(error)}
+        drawing = replace(drawing, model=None)
+        answer = {**make(drawing), "note": str(error)}
+    if over := {**RANGED, "axes": drawing.over}.get(inputs["kind"]):
+        answer["figure"]["layout"]["meta"] = {"whole": _whole(drawing, over, inputs["kind"])}
+    return answer
+
+
+def _whole(drawing: Drawing, over: str, kind: str) -> list[float]:
+    """First and last abscissa of the runs in a figure, of which a range may be drawn."""
+    several = drawing.every or (kind == "temperature" and drawing.model is None)
+    each = [computing.dataset(run) for run in ((*drawing.runs, *drawing.check) if several else (drawing.of,))]
+    known = [coordinate_over(data, over).values for data in each if over in drawable_coordinates(data)]
+    values = np.concatenate(known)
+    return [float(np.nanmin(values)), float(np.nanmax(values))]
 
 
 def time(drawing: Drawing) -> Figure:
@@ -362,6 +375,8 @@ def channels(drawing: Drawing) -> Figure:
 
 BARE = {"time", "temperature", "map", "loop", "axes"}
 """Figures that there are without a model, too."""
+RANGED = {"time": "time", "temperature": "temperature", "loop": "temperature"}
+"""Figures of which a range of x may be drawn, and their abscissae."""
 FIGURES: Mapping[str, Callable[[Drawing], Figure]] = {
     "time": time, "temperature": temperature, "map": map_, "loop": loop, "axes": axes, "allan": allan, "ladder": ladder,
     "channels": channels,

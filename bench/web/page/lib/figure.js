@@ -74,6 +74,18 @@ export function onTheme(change) {
   };
 }
 
+/** The range of an axis after a key of `KEYS`, from `low` to `high` now, inside that of all data, `whole`; null for all of it. */
+export function moved(name, [low, high], whole) {
+  const step = KEY_STEP * (high - low);
+  const moves = { ArrowLeft: [-step, -step], ArrowRight: [step, step], "+": [step, -step], "=": [step, -step], "-": [-step, step] };
+  const [from, to] = [low + moves[name][0], high + moves[name][1]];
+  if (!whole) return [from, to];
+  const [first, last] = whole;
+  if (to - from >= last - first) return null;
+  const back = Math.max(first - from, Math.min(0, last - to));
+  return [from + back, to + back];
+}
+
 /** A drawn figure in `place` (an element). `tell("onZoom", range|null)` has the range of x after the user has zoomed, `"onPoint"` the point below the mouse, `"onPick"` one that was clicked. */
 export class Drawn {
   constructor(place, tell) {
@@ -86,6 +98,8 @@ export class Drawn {
     this.painted = null;
     this.waiting = [];
     this.zoom = {};
+    /** The range of x with all that was drawn; a figure of which only a part came says its own. */
+    this.whole = null;
     this.listening = false;
     // Plotly.Plots.resize alone would leave the legend at its place for the size before, over the curves.
     this.watcher = new ResizeObserver(() => this.listening && this.figure && Plotly.Plots.resize(place).then(() => this.paint()));
@@ -98,7 +112,7 @@ export class Drawn {
   async show(figure, keep = false, range = null, mark = null) {
     this.figure = figure;
     this.mark = mark;
-    if (!keep) this.zoom = range ? { xaxis: range } : {};
+    if (!keep) [this.zoom, this.whole] = [range ? { xaxis: range } : {}, null];
     await this.paint();
   }
 
@@ -110,6 +124,7 @@ export class Drawn {
     const { data, layout } = recoloured(figure);
     const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
     await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
+    if (!this.zoom.xaxis) this.whole = this.place.layout.xaxis?.range;
     if (!this.listening) {
       this.place.on("plotly_hover", ({ points }) => this.tell("onPoint", points[0]));
       this.place.on("plotly_click", ({ points }) => this.tell("onPick", points[0]));
@@ -149,11 +164,9 @@ export class Drawn {
     if (!axis?.range) return false;
     if (name === "0" || name === "Home") return this.reset(), true;
     const { r2l: toNumber, l2r: fromNumber } = this.place._fullLayout.xaxis; // dates are texts in a range
-    const [low, high] = axis.range.map(toNumber);
-    const step = KEY_STEP * (high - low);
-    const moves = { ArrowLeft: [-step, -step], ArrowRight: [step, step], "+": [step, -step], "=": [step, -step], "-": [-step, step] };
-    const range = [low + moves[name][0], high + moves[name][1]].map(fromNumber);
-    Plotly.relayout(this.place, { "xaxis.range": range, "xaxis.autorange": false });
+    const range = moved(name, axis.range.map(toNumber), (this.figure.layout.meta?.whole ?? this.whole)?.map(toNumber));
+    if (!range) return this.reset(), true;
+    Plotly.relayout(this.place, { "xaxis.range": range.map(fromNumber), "xaxis.autorange": false });
     return true;
   }
 

@@ -26,13 +26,10 @@ export const limitsName = (id, title = id) => or(`limits.${id}`, title);
 export const lotName = (lot, cut) => (lot === "no lot" ? t("fleet.no_lot") : cut?.includes(lot) ? t("fleet.cut_lot", { lot }) : lot);
 export const stationName = (name) => or(`station.${name?.replaceAll("-", "_")}`, name);
 
-/** A file's name without its ending, in the letters of a folder's name (`slug` of bench/record). */
-const bare = (file) => file.normalize("NFC").replace(/\.[^.]*$/, "").replace(/[^\p{L}\p{N}_.+-]+/gu, "-").replace(/^[.-]+|[.-]+$/g, "");
-
-/** Name of the plan of a run; of an import its file, as the folder of the run names it. */
+/** Name of the plan of a run; of an import its file, or what the folder of the run kept of its name. */
 export function planName(run) {
   const [, of, folder] = run.profile?.match(/^import(?: of (.+)|_(.+))$/) ?? [];
-  const file = of ? bare(of) : folder;
+  const file = of?.replace(/\.[^.]*$/, "") || folder;
   return file ? t("units.kind.import_of", { file }) : planTitle({ id: run.profile, shipped: run.shipped, title: run.profile?.replaceAll("_", " ") || t("live.run") });
 }
 
