@@ -158,7 +158,12 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     run = {"run": "-0/run", "runs": ["-0/run", "-1/run"], "condition": "ended", "profile": "short", "ended": end}
     peak = {"name": "residual_peak_dph", "value": 0.3, "low": 0.0, "high": None, "unit": "deg/h", "lower": None,
             "upper": 2.5, "reason": "", "verdict": "MARGINAL"}  # fmt: skip
-    judged = {"limits": {"name": "short", "results": [peak]}, "steps": {}, "segments": [], "losses": {}}
+    judged = {
+        "limits": {"name": "short", "results": [peak], "refusals": ["a gap"]},
+        "steps": {},
+        "segments": [],
+        "losses": {},
+    }
     page.route("**/api/v1/live/-0/run", lambda route: route.fulfill(json=run))
     page.route("**/api/v1/runs/*/run", lambda route: route.fulfill(json=judged))
     page.goto("/verdict/-0/run")
@@ -166,6 +171,7 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     assert page.get_by_role("table").first.locator("caption").inner_text() == "Ж-1", "the worst first"
     table = page.get_by_role("table", name="Ж-1")
     why = table.get_by_role("cell").first.inner_text().split()
+    assert page.locator(".verdict-reasons .findings li").all_inner_texts() == ["Ж-1: a gap", "Ж-0: a gap"]
     assert why == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"
     assert page.locator(".verdict-units a:visible").count() == 6
     page.emulate_media(media="print")

@@ -401,6 +401,15 @@ def test_keys_keep_a_figure_within_its_data(key: str, now: list[float], after: l
     assert told("lib/figure.js", script, [key, now]) == (after and pytest.approx(after))
 
 
+def test_a_job_that_ended_names_its_step_as_the_page_does() -> None:
+    steps = [{"name": name} for name in STEP_NAMES]
+    sentences = ["fit: the calibration run is FAIL", "brief: no such plan", "calibrated and verified"]
+    jobs = [{"sentence": sentence, "steps": steps} for sentence in sentences]
+    assert spoken("pages/calibrations/words.js", "ofStep", jobs, "uk") == [
+        "Модель: the calibration run is FAIL", *sentences[1:],
+    ]  # fmt: skip
+
+
 def test_a_step_has_the_colour_and_the_word_of_its_outcome() -> None:
     steps = [{"name": "fit", "state": "done", "cases": [], "verdict": verdict} for verdict in (None, "FAIL", "INVALID")]
     assert spoken("pages/calibrations/words.js", "stepTone", steps) == ["good", "bad", "warn"]

@@ -33,8 +33,11 @@ function Attention({ fleet }) {
     beyond.length > 0 && ["warn", html`${t("fleet.beyond")}${sign(" ")}${listed(beyond.map(quantityWord))}`],
   ].filter(Boolean);
   return html`<section class=${`notice ${outside ? "bad" : "warn"}`} aria-label=${t("fleet.attention")}>
-    <ul class="st-attention">${lines.map(([tone, words]) => html`<li key=${tone + lines.length}><${Lamp} tone=${tone}>${words}<//></li>`)}</ul></section>`;
+    <ul class="st-attention">${lines.map(([tone, words], i) => html`<li key=${i}><${Lamp} tone=${tone}>${words}<//></li>`)}</ul></section>`;
 }
+
+/** Why no quantity is told against its limits. */
+const unlimited = (fleet) => t(fleet.quantities.some(({ lower, upper }) => (lower ?? upper) !== null) ? "fleet.too_few_values" : "fleet.no_limits");
 
 function Headline({ fleet }) {
   const passes = fleet.yield;
@@ -43,7 +46,7 @@ function Headline({ fleet }) {
   return html`<div class="st-tiles">
     <${Tile} what=${t("fleet.yield")} value=${passes.judged ? number(100 * passes.first_pass, 1) : "–"} unit="%" tone=${passes.judged ? (passes.final < passes.judged ? "warn" : "good") : undefined}
       more=${passes.judged ? t("fleet.yield_more", { first: passes.first, judged: passes.judged, low: percent(passes.interval[0]), high: percent(passes.interval[1]) }) : t("fleet.unjudged")} />
-    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantityWord(worst.name) : t(fleet.quantities.some((one) => one.capability) ? "fleet.no_cpk" : "fleet.no_limits")} />
+    <${Tile} what=${t("fleet.least_cpk")} value=${worst ? sig(worst.capability.cpk) : "–"} tone=${worst && (worst.capable ? "good" : "bad")} more=${worst ? quantityWord(worst.name) : fleet.quantities.some((one) => one.capability) ? t("fleet.no_cpk") : unlimited(fleet)} />
     <${Tile} what=${t("units.title")} value=${number(fleet.units, 0)} more=${t("fleet.units_more", { lots: fleet.lots, stations: fleet.stations })} />
     <${Tile} what=${t("fleet.period")} value=${day(fleet.last)} more=${t("fleet.since_day", { day: day(fleet.first) })} />
   </div><p class="soft small">${t("fleet.counts")}</p>`;
@@ -101,7 +104,7 @@ function Control({ name, params, anchor }) {
 function Failures({ fleet }) {
   const failing = fleet.quantities.filter((one) => one.capability?.outside > 0).sort((a, b) => b.capability.outside - a.capability.outside);
   const all = failing.reduce((sum, one) => sum + one.capability.outside, 0);
-  if (!fleet.quantities.some((one) => one.capability)) return html`<p class="soft">${t("fleet.no_limits")}</p>`;
+  if (!fleet.quantities.some((one) => one.capability)) return html`<p class="soft">${unlimited(fleet)}</p>`;
   if (!all) return html`<p><${Lamp} tone="good">${t("fleet.no_failures")}<//></p>`;
   let sum = 0;
   return html`<ol class="st-pareto">${failing.map((one) => {

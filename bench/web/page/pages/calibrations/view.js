@@ -11,7 +11,7 @@ import { Actions } from "../live/actions.js";
 import { Temperatures } from "../live/charts.js";
 import { Headline, Segments, Troubles } from "../live/run.js";
 import { operatorOf, OperatorField } from "../start/operator.js";
-import { passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
+import { ofStep, passedOver, planOf, said, stateWord, stepTone, stepWord, toneOf } from "./words.js";
 import { ofPlans } from "../../lib/names.js";
 import { Said } from "../../lib/said.js";
 import { Signed } from "./signed.js";
@@ -103,7 +103,7 @@ function Repeat({ job: { start } }) {
 
 function Ended({ job }) {
   return html`<section class=${`notice ${toneOf(job)}`} role="status"><p class="job-word"><${Lamp} tone=${toneOf(job)}>${stateWord(job)}<//></p>
-    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${job.sentence} whole names=${[job.unit]} /></p>
+    <p>${t(job.certificate ? "job.passed" : "job.ended")}</p><p class="small"><${Said} text=${ofStep(job)} whole names=${[job.unit]} /></p>
     ${job.certificate && html`<p class="small"><${Signed} signer=${job.steps.find(({ name }) => name === "certificate").facts.signer} /></p>`}</section>
   <div class="verdict-ways">
     ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
@@ -135,7 +135,7 @@ function Held({ job }) {
     event.preventDefault();
     if (reason.trim()) go({ release: reason });
   };
-  return html`<section class="notice warn" role="status"><p><strong>${t("job.held")}</strong></p><p><${Said} text=${job.sentence} /></p></section>
+  return html`<section class="notice warn" role="status"><p><strong>${t("job.held")}</strong></p><p><${Said} text=${ofStep(job)} /></p></section>
     ${may("operator") && html`<form class="stack" onSubmit=${submit}><${OperatorField} />
       <div class="field"><label for="reason">${t("job.reason")}</label><textarea id="reason" rows="3" maxlength="500" value=${reason} onInput=${(event) => setReason(event.target.value)}></textarea></div>
       <${Trouble} error=${error} forget=${forget} />
@@ -148,7 +148,7 @@ function Stopped({ job }) {
   const all = job.together.filter(({ state }) => STOPPED.includes(state)).map(({ unit }) => unit);
   const papers = job.exit_code === 2 && job.start && job.steps.some(({ name, state }) => name === "check" && state === "failed");
   return html`<section class="notice bad" role="status"><p><strong>${t(job.state === "failed" ? `job.failed.${job.exit_code}` : "job.interrupted")}</strong></p>
-      <p><${Said} text=${job.sentence || job.start?.message} /></p></section>
+      <p><${Said} text=${job.sentence ? ofStep(job) : job.start?.message} /></p></section>
     <${Trouble} error=${error} forget=${forget} />
     ${may("operator") && html`<div class="verdict-ways">
       ${job.start && html`<button type="button" class="go" disabled=${busy} onClick=${() => go({})}>${t("job.go_on")}${all.length > 1 && `${sign(": ")}${all.join(", ")}`}</button>`}

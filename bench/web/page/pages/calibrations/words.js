@@ -10,6 +10,10 @@ export const planOf = (plan) => or(`calibration.${plan}`, plan.replaceAll("_", "
 export const toneOf = ({ state, verdict }) => (state === "ended" ? verdictTone(verdict) : TONES[state]);
 export const stateWord = ({ state, verdict }) => (state === "ended" ? outcomeWord(verdict) : t(`job.state.${state}`));
 
+/** A sentence of a job, which names the step that it is about (`fit: the calibration run is FAIL`), as the page names it. */
+export const ofStep = ({ sentence, steps }) =>
+  sentence.replace(/^(\w+)(?=: )/, (name) => (steps.some((step) => step.name === name) ? t(`step.name.${name}`) : name));
+
 /** The step that is at work. */
 export const stepNow = ({ steps }) => steps.filter(({ state }) => state === "begun").map(({ name }) => t(`step.name.${name}`)).join(sign(", "));
 
