@@ -144,6 +144,10 @@ SAMPLES = [
      "`certificate: false` calibrates without one", "uk",
      "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
      "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
+    ("plans/own.yaml: model 'mine': expression: cannot be delivered: a user-defined formula cannot be represented in "
+     "the image; leave it out of the delivered model", "uk",
+     "plans/own.yaml: модель «mine»: expression: не можна записати у виріб: образ пам’яті виробу не вміщує формул "
+     "користувача; вилучіть це з моделі, яку записують"),
     ("brief.yaml: longest soak is 10 min: the noise floor is read where the unit stands still for 5 min, which takes a "
      "soak of about 15 min", "uk",
      "brief.yaml: найдовша витримка 10 хв: рівень шуму визначають там, де виріб стоїть 5 хв, а це витримка приблизно "

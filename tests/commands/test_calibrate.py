@@ -234,6 +234,12 @@ def test_the_shipped_plans_can_be_carried_out_on_the_shipped_stations(path, tmp_
         ("ramp_-40_85.yaml", "nowhere.yaml", "nowhere.yaml"),
         ("check_turn_ons.yaml", "ramp_-40_85.yaml", "take another profile"),
         ("marginal: hold", "marginal: perhaps", "ship"),
+        (
+            "[spline_lag_loop, spline]",
+            "[spline_lag_loop, expression]",
+            "model 'expression': expression: cannot be delivered",
+        ),
+        ("[spline_lag_loop, spline]", "[splin]", "unknown model 'splin'"),
     ],
 )
 def test_a_wrong_plan_is_refused_before_anything_moves(tmp_path, old, new, said):

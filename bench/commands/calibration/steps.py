@@ -73,7 +73,10 @@ def check_order(order: Order) -> list[str]:
     order.refuse_same()
     limits = load_limits(order.document(plan.limits))
     for model in plan.models:
-        order.load_model(model)
+        try:
+            deliver.refuse_undeliverable(order.load_model(model))
+        except InputError as error:
+            raise InputError(f"model '{model}': {error}", order.path) from None
     station = acquisition.station_of(order.station_file())
     unit = station.chosen([order.serial])[0]
     if unit.identity is None and not any(map(str.isdigit, order.serial)):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Effect, Fit, Theta, options_of
+from bench.analysis import Effect, Fit, Model, Theta, options_of
 from bench.base import DPH_PER_DPS, FloatArray, InputError
 from bench.deliver.export import chebyshev
 from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
@@ -29,8 +29,7 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
 
     Raises InputError, one line, for an effect that a unit cannot evaluate (it needs a clock, the chamber, later data).
     """
-    if fit.model.rows.startswith("soaks"):
-        raise InputError(f"model '{fit.model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
+    refuse_undeliverable(fit.model, fit.bound.effects)
     builder = _Builder(fit, tuple(datasets), sample_hz)
     for key, effect in zip(fit.bound.keys, fit.bound.effects, strict=True):
         if effect.moves_abscissa:
@@ -43,6 +42,26 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
     if turning:
         builder.add_turning(turning)
     return builder.finished()
+
+
+def refuse_undeliverable(model: Model, effects: Sequence[Effect] | None = None) -> None:
+    """InputError, one line, for a model (of which these `effects` are left) that no unit can evaluate, on any data."""
+    if model.rows.startswith("soaks"):
+        raise InputError(f"model '{model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
+    for effect in model.effects if effects is None else effects:
+        if effect.moves_abscissa:
+            if effect.name != "resonance_frequency" and (effect.name != "thermal_lag" or options_of(effect)):
+                raise InputError(
+                    f"{effect.name}: a unit cannot evaluate this effect; leave it out of the delivered model"
+                )
+        elif effect.name == "hysteresis":
+            if getattr(effect, "shape", "") != "play":
+                raise InputError(
+                    "hysteresis: shape bouc_wen needs an exponential at each step, which the image cannot contain; fit "
+                    "shape play (count 3 to 5 follows a smooth loop)"
+                )
+        elif effect.name not in {"temperature_rate", "creep"}:
+            parts_of(effect)
 
 
 @dataclass
@@ -72,12 +91,12 @@ class _Builder:
     def move(self, key: str, effect: Effect) -> None:
         """Replace the temperature that all later terms use."""
         theta = self.fit.bound.theta[key]
-        if effect.name == "thermal_lag" and not options_of(effect):
+        if effect.name == "thermal_lag":
             source = self.signal("temperature")
             self._advance(effect, theta)
             box = self._range("temperature")
             made = lag_signal(source, self.boxes[source], box, theta["tau_s"], self.period_s)
-        elif effect.name == "resonance_frequency":
+        else:
             source = self.signal("frequency")
             self._advance(effect, theta)
             box = self._range("temperature")
@@ -85,8 +104,6 @@ class _Builder:
             made = parabola_signal(
                 source, chebyshev.series(lambda f: self._abscissa(effect, theta, f), low, high, 2), box
             )
-        else:
-            raise InputError(f"{effect.name}: a unit cannot evaluate this effect; leave it out of the delivered model")
         self.named["temperature"] = self._append(made, box)
 
     def _abscissa(self, effect: Effect, theta: Theta, frequency: FloatArray) -> FloatArray:
@@ -125,11 +142,6 @@ class _Builder:
         self._block(part.shape, numbers, part.n, coefficients)
 
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
-        if getattr(effect, "shape", "") != "play":
-            raise InputError(
-                "hysteresis: shape bouc_wen needs an exponential at each step, which the image cannot contain; fit "
-                "shape play (count 3 to 5 follows a smooth loop)"
-            )
         source = self.signal("temperature")
         low, high = self.boxes[source]
         for i, amplitude in enumerate(amplitudes):
