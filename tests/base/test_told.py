@@ -148,6 +148,8 @@ SAMPLES = [
      "the image; leave it out of the delivered model", "uk",
      "plans/own.yaml: модель «mine»: expression: не можна записати у виріб: образ пам’яті виробу не вміщує формул "
      "користувача; вилучіть це з моделі, яку записують"),
+    ("channel 'applied_rate' [deg/s] is missing; the run has rate, temperature", "uk",
+     "немає каналу «applied_rate» [°/с]; прогін має: вихід гіроскопа, температура"),
     ("brief.yaml: longest soak is 10 min: the noise floor is read where the unit stands still for 5 min, which takes a "
      "soak of about 15 min", "uk",
      "brief.yaml: найдовша витримка 10 хв: рівень шуму визначають там, де виріб стоїть 5 хв, а це витримка приблизно "
