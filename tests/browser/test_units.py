@@ -292,7 +292,7 @@ def test_a_table_is_dropped_put_right_and_imported(page, tmp_path, folder):
     assert "other_1" in pq.read_schema(next(folder.glob("IMP-7/*/data.parquet"))).names
     page.get_by_role("link", name="History of IMP-7").click()
     page.get_by_role("cell", name="Import", exact=True).wait_for()
-    page.get_by_role("cell", name="Import: лог-7").wait_for()
+    page.get_by_role("cell", name="Import: лог 7").wait_for()
 
 
 def test_a_label_that_was_scanned_twice_is_asked_about_before_an_import(page, tmp_path, folder):
