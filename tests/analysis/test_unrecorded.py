@@ -144,15 +144,18 @@ def test_the_floor_of_a_diagnosis_is_without_what_was_found():
     assert f"and {answer.floor_dph:.4f} without" in note
 
 
+def unknown(**told):
+    """What a sentence is made of, where the verdict is an unknown effect."""
+    usual = {"formulas": (), "unexplained": (), "noise_finding": "", "nearest": "", "floor_ratio": np.nan}
+    return SimpleNamespace(verdict="unknown_effect", **(usual | told))
+
+
 def test_the_nearest_entry_is_the_one_that_the_sentence_names():
     first, other = (
         SimpleNamespace(effect=name, options={}, parameters={}, proof=FALLS, proved=True)
         for name in ("partial_range", "hysteresis")
     )
-    answer = SimpleNamespace(
-        verdict="unknown_effect", formulas=(), unexplained=(), noise_finding="", found=(first, other),
-        nearest="hysteresis", floor_dph=0.1, floor_ratio=np.nan,
-    )  # fmt: skip
+    answer = unknown(found=(first, other), nearest="hysteresis", floor_dph=0.1)
     assert "The nearest entry of the catalogue is hysteresis: with it" in sentence(answer, drifts=False)
 
 
@@ -168,15 +171,7 @@ def test_what_was_found_beside_a_drift_and_raises_the_error_is_not_said_to_lower
     lag = SimpleNamespace(
         effect="thermal_lag", options={}, parameters={}, scored=True, proof=proof, removes=0.0, proved=False
     )
-    answer = SimpleNamespace(
-        verdict="unknown_effect",
-        formulas=(),
-        unexplained=(),
-        noise_finding="the run drifts",
-        found=(lag,),
-        nearest="",
-        floor_ratio=np.nan,
-    )
+    answer = unknown(found=(lag,), noise_finding="the run drifts")
     text = sentence(answer, drifts=True)
     assert "lowers" not in text
     assert "thermal_lag: the error on legs left out changes from 1.60 to 3.94 deg/h, a fall of 3 % is needed" in text
@@ -187,15 +182,7 @@ def test_what_was_found_beside_a_drift_is_told_with_its_proof():
     jump = SimpleNamespace(
         effect="bias_jump", options={}, parameters={}, scored=True, proof=FALLS, removes=np.nan, proved=True
     )
-    answer = SimpleNamespace(
-        verdict="unknown_effect",
-        formulas=(),
-        unexplained=(),
-        noise_finding="the run drifts",
-        found=(jump,),
-        nearest="",
-        floor_ratio=np.nan,
-    )
+    answer = unknown(found=(jump,), noise_finding="the run drifts")
     text = sentence(answer, drifts=True)
     assert text.startswith("Beside bias_jump the model lacks something")
     assert "Adding bias_jump lowers the error on legs left out from 1.60 to 1.10" in text

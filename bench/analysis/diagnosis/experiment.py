@@ -212,20 +212,19 @@ def propose(
     which somebody moves a channel by hand is for what stays open then.
     `limits` are what the chamber can do; by default the range that the runs visited and the rates that they showed.
     """
-    families = {rival.family for rival in rivals if rival.tied}
-    if len(families) < 2:
+    tied = [rival for rival in rivals if rival.tied]
+    if len({rival.family for rival in tied}) < 2:
         return None
     records = layout.rows.records
     limits = limits or chamber_limits(records)
-    moved = {rival.name: _moved(rival.effect) for rival in rivals if rival.tied}
-    thermal = [rival for rival in rivals if not moved.get(rival.name)]
-    if not moved[rivals[0].name] and len({rival.family for rival in thermal if rival.tied}) > 1:
+    moved = {rival.name: _moved(rival.effect) for rival in tied}
+    if not moved[tied[0].name] and len({rival.family for rival in tied if not moved[rival.name]}) > 1:
         # What the chamber can tell comes first: nobody has to be there.
+        thermal = [rival for rival in rivals if not moved.get(rival.name)]
         return _leaving_open(_designed(layout, thermal, noise, limits), [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})
-    names = tuple(rival.name for rival in rivals if rival.tied)
-    plan, why = exciting(limits, channels, names)
-    return replace(_proposal(plan, limits, names, why, use="by_hand"), channels=tuple(channels))
+    plan, why = exciting(limits, channels, tuple(moved))
+    return replace(_proposal(plan, limits, tuple(moved), why, use="by_hand"), channels=tuple(channels))
 
 
 def _moved(effect: Effect) -> list[str]:

@@ -12,7 +12,7 @@ from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, 
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
 from bench.analysis.fit.design import Bound, FitRows
-from bench.analysis.fit.solve import Solution, left_out, left_out_rms, solve
+from bench.analysis.fit.solve import Solution, left_out, solve
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
@@ -59,16 +59,8 @@ def unseen(
         above = tuple(apart.beta[columns.shape[1] :].tolist())
         apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
-            rms = left_out_rms(solution, rows.weights, rows.blocks())
-            rms = rms if np.isfinite(rms) else np.nan
-            return Unseen(
-                rms,
-                _blocks_shape(apart, rows),
-                residuals,
-                above,
-                apart_dph,
-                left=left_out_of(rows, solution, own, like),
-            )
+            scores = _of_blocks(rows, solution, apart)
+            return Unseen(*scores, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
         return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
@@ -116,12 +108,15 @@ def _apart(rows: FitRows, columns: FloatArray) -> Solution:
     return solve(np.column_stack([columns, run[:, None] == np.arange(1, len(rows.masks))]), rows.y, rows.weights)
 
 
-def _blocks_shape(solution: Solution, rows: FitRows) -> float:
-    """RMS [deg/h] of the rows of each block, predicted from all others, that lie within the temperatures of these."""
+def _of_blocks(rows: FitRows, solution: Solution, apart: Solution) -> tuple[float, float]:
+    """RMS [deg/h] of the rows of each block, predicted from all others: of all of them; and, with constants `apart`, of
+    those that lie within the temperatures of the others.
+    """
     blocks = rows.blocks()
-    residual = left_out(solution, rows.weights, blocks)
-    inside = within(rows, blocks) & np.isfinite(residual)
-    return _rms([residual[inside]], [rows.weights[inside]]) if inside.any() else np.nan
+    whole = left_out(solution, rows.weights, blocks)
+    shape = whole if apart is solution else left_out(apart, rows.weights, blocks)
+    inside = LeftOut(residual=np.where(within(rows, blocks), shape, np.nan), weights=rows.weights)
+    return _rms([whole], [rows.weights]) if np.isfinite(whole).all() else np.nan, inside.rms_dph
 
 
 def _of_check(left: Sequence[FloatArray], proof: LeftOut) -> tuple[float, float]:
