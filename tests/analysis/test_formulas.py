@@ -225,6 +225,15 @@ def opposed(case):
     return out
 
 
+def strained(case):
+    """A stiff cover that follows within 9 minutes, whose strain grows by the cube of its gap to the case."""
+    inside, out = case[0], np.empty(len(case))
+    for second, value in enumerate(case.tolist()):
+        inside += (value - inside) / 550.0
+        out[second] = 0.004 * (value - inside) ** 3
+    return out
+
+
 def transformed(case):
     """Grains that change their phase about 20 degC, each 5 degC later up than at the middle, and as much later down."""
     at = np.linspace(-1.5, 1.5, 61)
@@ -260,6 +269,7 @@ def diagnosed(quiet, hidden):
             opposed,
             r"k \* \(\(temperature - lag\(temperature, .*\)\) - 0\.\d+ \* \(temperature - lag\(temperature, .*\)\)\)",
         ),
+        (strained, r"k \* sign\(lag\(dT_dt, 5[2-8]\d(\.\d+)?\)\) \* abs\(lag\(dT_dt, .*\)\)\*\*(2\.9|3\.[01])\d*"),
         (passed_on, r"k \* \(dT_dt - lag\(dT_dt, \d+(\.\d+)?\)\)"),
     ],
 )

@@ -70,8 +70,7 @@ class Block:
             self.memory(length_s),
             self._with("late_s", (0.0, min(3000.0, 0.2 * length_s)), tuple(0.02 * length_s * i for i in (0.2, 0.7, 2)),
                        f"delay({self.text}, {{late_s}})", f"{self.words}, late"),
-            self._with("power", (0.2, 4.0), (0.5, 2.0, 3.0), f"sign({self.text}) * abs({self.text})**{{power}}",
-                       f"a power of {self.words}"),
+            self.raised(),
             self._with("power", (0.3, 4.0), (1.0, 2.0), f"abs({self.text})**{{power}}",
                        f"a power of the size of {self.words}"),
         ]  # fmt: skip
@@ -93,6 +92,11 @@ class Block:
             self._with("zone", inner, tried, f"dead_zone({self.text}, {{zone}})", f"{self.words} outside a dead zone"),
             self._with("width", inner, tried, f"play({self.text}, {{width}})", f"{self.words} with play"),
         ]
+
+    def raised(self) -> Block:
+        """The block to a power, with its sign."""
+        text = f"sign({self.text}) * abs({self.text})**{{power}}"
+        return self._with("power", (0.2, 4.0), (0.5, 2.0, 3.0), text, f"a power of {self.words}")
 
     def squared(self) -> Block:
         """The square of the block."""

@@ -40,7 +40,8 @@ class Grammar:
         """Formulas of one block."""
         drivers = self.drivers()
         bent = [bent for block in drivers for bent in block.bent()]
-        bent += [block.squared() for block in drivers if block.most and block.bounds]
+        # What yields by a high power is next to nothing of what is seen where little happens.
+        bent += [one for block in drivers if block.most and block.bounds for one in (block.squared(), block.raised())]
         # Of what begins somewhere little may be seen at once that lasts.
         bent += [block.memory(self.ranges.length_s, every=2) for block in drivers if block.places]
         # A curve of the temperature is the model's own; one of the temperature of a part inside is not.
