@@ -60,7 +60,7 @@ _LIKE = (
     ("above(chamber_temperature - lag(chamber_temperature", "like the chamber's heater: its current or its field"),
     ("above(lag(chamber_temperature", "like the chamber's cooling: its compressor or its valve"),
     ("lag(sign(", "like solder or glue that yields by a power of the stress, and recovers"),
-    ("sign(lag(", "like a strain or a loss of heat that grows by a power of a gradient: convection, radiation, contact"),
+    ("sign(lag(", "like a strain or a loss of heat that grows by a power of a gradient: radiation, contact"),
     ("play((chamber_temperature", "like a hinge, a duct or a cable with play between chamber and unit"),
     ("lowest(total(", "like a film that grows and dries: condensation, frost, outgassing"),
     ("highest(", "like stress that is lost whenever the unit is warmer than ever before"),
