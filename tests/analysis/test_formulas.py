@@ -12,6 +12,7 @@ from bench.analysis.diagnosis.blocks import Block, Formula
 from bench.analysis.diagnosis.describing import Describer, _judged, _physics
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
+from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
 from bench.analysis.diagnosis.held_out import Unseen
@@ -21,6 +22,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.expression import Expression
 from bench.analysis.effects.model import Model, effect_from, entry_text, load_model
 from bench.analysis.fit.fitting import fit_model
+from bench.analysis.noise.likelihood import NoiseLattice
 from bench.analysis.thresholds import FORMULA_EVIDENCE
 from bench.base import InputError
 from bench.cli import main
@@ -34,6 +36,13 @@ def quiet():
     """A unit without any hidden mechanism: its run, and its isothermal run."""
     case = cases.case((), 0.0, 3, outside.RUN, MODEL)
     return case.quiet(outside.RUN, 0), case.quiet(cases.STATIC, 4)
+
+
+@pytest.mark.parametrize("best", [(10, -40), (-40, -40), (-64, 3), (-48, -48)])
+def test_less_noise_than_the_lattice_has_is_none(best):
+    """Between the least and none nothing is next to a point: a search of the noise from there ended in an error."""
+    points = FormulaSearch._points(SimpleNamespace(_best=best))
+    assert all(point in NoiseLattice.around(point, step) for point in points for step in (8, 1))
 
 
 @pytest.mark.slow
@@ -234,6 +243,30 @@ def strained(case):
     return out
 
 
+def soaked_through(case):
+    """A part within a thick wall, whose face follows the case; its far end is 2.5 h away."""
+    wall, out = np.full(150, case[0]), np.empty(len(case))
+    for second, value in enumerate(case.tolist()):
+        wall[1:-1] += 0.4 * np.diff(wall, 2)
+        wall[0], wall[-1] = value, wall[-2]
+        out[second] = 0.03 * (value - wall[25])
+    return out
+
+
+def activated(case):
+    """A strain that grows by e for every 5 degC that a part inside is behind."""
+    inside, out = case[0], np.empty(len(case))
+    for second, value in enumerate(case.tolist()):
+        inside += (value - inside) / 480.0
+        out[second] = 0.15 * np.exp((value - inside) / 5.0)
+    return out
+
+
+def yielded(case):
+    """A joint that gives way above 40 degC, where it was never before."""
+    return 0.05 * np.maximum(np.maximum.accumulate(case) - 40.0, 0.0)
+
+
 def transformed(case):
     """Grains that change their phase about 20 degC, each 5 degC later up than at the middle, and as much later down."""
     at = np.linspace(-1.5, 1.5, 61)
@@ -270,12 +303,21 @@ def diagnosed(quiet, hidden):
             r"k \* \(\(temperature - lag\(temperature, .*\)\) - 0\.\d+ \* \(temperature - lag\(temperature, .*\)\)\)",
         ),
         (strained, r"k \* sign\(lag\(dT_dt, 5[2-8]\d(\.\d+)?\)\) \* abs\(lag\(dT_dt, .*\)\)\*\*(2\.9|3\.[01])\d*"),
+        (activated, r"k \* exp\(0\.(19|20|21)\d* \* \(temperature - lag\(temperature, 4[678]\d(\.\d+)?\)\)\)"),
+        (yielded, r"k \* above\(highest\(temperature\) - (39|40)(\.\d+)?\)"),
         (passed_on, r"k \* \(dT_dt - lag\(dT_dt, \d+(\.\d+)?\)\)"),
     ],
 )
 def test_what_a_mechanism_does_is_found_as_the_formula_that_it_is(quiet, hidden, formula):
     best = diagnosed(quiet, hidden).formulas[0]
     assert re.fullmatch(formula, best.formula), best.formula
+    assert best.proof.proved
+
+
+@pytest.mark.slow
+def test_heat_that_spreads_into_a_wall_is_told_from_nothing_but_the_memory_of_the_air(quiet):
+    best = diagnosed(quiet, soaked_through).formulas[0]
+    assert any("lag(temperature, 25 * " in text for text in (best.formula, *best.equivalent)), best
     assert best.proof.proved
 
 

@@ -25,7 +25,7 @@ from bench.analysis.diagnosis.scan import Library, Scan
 from bench.analysis.diagnosis.spectral_line import rows_of
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.expression import Expression
-from bench.analysis.noise.likelihood import NoiseLattice, Point, gls
+from bench.analysis.noise.likelihood import NoiseLattice, Point, gls, moved
 from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
 from bench.base import FloatArray, InputError, shared
 
@@ -195,7 +195,7 @@ class FormulaSearch:
         """The base's noise and less of it: what a formula explains is taken out of the noise."""
         flicker, walk = self._best
         decades = ((0, 0), (1, 0), (0, 1), (1, 1), (0, 2), (2, 2), (0, 4), (4, 4))
-        return sorted({(_lower(flicker, f), _lower(walk, w)) for f, w in decades}, reverse=True)
+        return sorted({(moved(flicker, -_DECADE * f), moved(walk, -_DECADE * w)) for f, w in decades}, reverse=True)
 
     def _chance(self, library: Library, points: Sequence[Point], paid: FloatArray) -> float:
         """The evidence that the best formula reaches in simulated runs without any effect, at the usual level."""
@@ -353,7 +353,3 @@ class FormulaSearch:
 def _expression(text: str, bounds: tuple[tuple[str, Bounds], ...]) -> Expression:
     """A block as an effect; parsed once for all its parameters."""
     return Expression(f"k * {text.format(**{name: name for name, _ in bounds})}", dict(bounds))
-
-
-def _lower(index: int, decades: int) -> int:
-    return max(index - _DECADE * decades, -4 * _DECADE)

@@ -25,8 +25,7 @@ def states(ranges: Ranges) -> list[Block]:
         replace(snap, text=f"lag({snap.text}, {{tau_s}})", words=f"the memory of {snap.words}",
                 bounds=(*snap.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
                 grid=tuple((*one, tau) for one in snap.grid for tau in (200.0, 800.0))),
-        Block("highest(temperature)", "the highest temperature so far", "degC"),
-        Block("lowest(temperature)", "the lowest temperature so far", "degC"),
+        *_extreme(ranges),
         Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
         Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
               "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
@@ -113,7 +112,13 @@ def _relaxing(ranges: Ranges) -> list[Block]:
     faster = Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
                    f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.12, 0.12))),
                    tuple((*one, faster) for one in tried for faster in (-0.03, 0.03, 0.06)))  # fmt: skip
-    return [Block("(temperature - lag(temperature, {tau_s}))", words, "degC", (tau,), tried, looser=faster), faster]
+    strained = Block("exp({steep} * (temperature - lag(temperature, {tau_s})))",
+                     f"an exponential of the gap to {words}", "", (("steep", (-0.5, 0.5)), tau),
+                     tuple((steep, *one) for one in tried for steep in (-0.2, -0.07, 0.07, 0.2)))  # fmt: skip
+    plain = Block("(temperature - lag(temperature, {tau_s}))", words, "degC", (tau,), tried, looser=faster)
+    spread = " + ".join(f"lag(temperature, {times}{{tau_s}})" for times in ("", "5 * ", "25 * "))
+    heated = Block(f"(temperature - ({spread})/3)", "a body into which heat spreads", "degC", (tau,), tried)
+    return [plain, faster, strained, heated]
 
 
 def _uneven(ranges: Ranges) -> Block:
@@ -150,6 +155,17 @@ def _shaken(ranges: Ranges) -> Block:
     tried = tuple((60.0, *tau) for tau in lags(ranges.length_s / 2.0, 1))
     return Block("lag(abs(dT_dt - lag(dT_dt, {fast_s})), {tau_s})", "the memory of each change of dT/dt", "degC/min",
                  ends, tried)  # fmt: skip
+
+
+def _extreme(ranges: Ranges) -> list[Block]:
+    """The most extreme temperature so far, or how far it has been beyond a value."""
+    ends, tried = (("centre", ranges.temperature),), inner(*ranges.temperature, 9)
+    beyond = (("above", "above(highest(temperature) - {centre})"), ("below", "above({centre} - lowest(temperature))"))
+    return [
+        *(Block(f"{which}(temperature)", f"the {which} temperature so far", "degC") for which in ("highest", "lowest")),
+        *(Block(text, f"how far it has been {side} a temperature", "degC", ends, tried, places=1)
+          for side, text in beyond),
+    ]  # fmt: skip
 
 
 def _fading(ranges: Ranges) -> list[Block]:

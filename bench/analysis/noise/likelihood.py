@@ -143,12 +143,12 @@ class NoiseLattice:
     @staticmethod
     def around(point: Point, step: int) -> list[Point]:
         """The up to nine points one step about a point, itself included."""
-        flicker, walk = (sorted({_moved(i, d) for d in (-step, 0, step)}) for i in point)
+        flicker, walk = (sorted({moved(i, d) for d in (-step, 0, step)}) for i in point)
         return list(product(flicker, walk))
 
 
-def _moved(index: int, step: int) -> int:
-    """One step along an axis whose lower neighbour is zero."""
+def moved(index: int, step: int) -> int:
+    """The index after a step along an axis of the lattice, whose lower neighbour is zero."""
     if index <= _ZERO:
         return _LOWEST if step > 0 else _ZERO
     moved = index + step
