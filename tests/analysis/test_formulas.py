@@ -267,6 +267,20 @@ def yielded(case):
     return 0.05 * np.maximum(np.maximum.accumulate(case) - 40.0, 0.0)
 
 
+def wandering(case):
+    """Interference over the temperature, whose path grows by 1.2 degC an hour."""
+    return 0.5 * np.sin(2.0 * np.pi * (case + 1.2 * np.arange(len(case)) / 3600.0) / 13.0)
+
+
+def resting(case):
+    """What settles within 15 minutes wherever the temperature stays, and goes as slowly where it changes."""
+    state, out = 1.0, np.empty(len(case))
+    for second, rate in enumerate(np.gradient(case) * 60.0):
+        state += ((1.0 if abs(rate) < 0.1 else 0.0) - state) / 900.0
+        out[second] = 0.6 * state
+    return out
+
+
 def transformed(case):
     """Grains that change their phase about 20 degC, each 5 degC later up than at the middle, and as much later down."""
     at = np.linspace(-1.5, 1.5, 61)
@@ -305,6 +319,11 @@ def diagnosed(quiet, hidden):
         (strained, r"k \* sign\(lag\(dT_dt, 5[2-8]\d(\.\d+)?\)\) \* abs\(lag\(dT_dt, .*\)\)\*\*(2\.9|3\.[01])\d*"),
         (activated, r"k \* exp\(0\.(19|20|21)\d* \* \(temperature - lag\(temperature, 4[678]\d(\.\d+)?\)\)\)"),
         (yielded, r"k \* above\(highest\(temperature\) - (39|40)(\.\d+)?\)"),
+        (resting, r"k \* lag\(abs\(direction\), (7[5-9]|[89]\d)\d(\.\d+)?\)"),
+        (
+            wandering,
+            r"k \* sin\(2\*pi\*\(temperature \+ 1\.(1[89]|2[012]?)\d* \* time/3600\)/(12\.9\d*|13(\.0\d*)?)\) \+ .*",
+        ),
         (passed_on, r"k \* \(dT_dt - lag\(dT_dt, \d+(\.\d+)?\)\)"),
     ],
 )

@@ -257,9 +257,9 @@ class Formula:
         ]
 
     def within(self, other: Formula) -> bool:
-        """Whether the other is this formula with further blocks."""
+        """Whether the other is this formula with further blocks, or with an amplitude that changes more."""
         own, others = ({block.text for block in one.blocks} for one in (self, other))
-        return own < others and self.pair == other.pair
+        return (own < others or (own == others and self.degree < other.degree)) and self.pair == other.pair
 
     def one_way(self) -> list[Formula]:
         """The formula of heating alone, and of cooling alone, where it is of both: runs that pass each temperature once

@@ -42,6 +42,7 @@ _COARSE = "like a curve that the model follows too coarsely: more intervals of i
 _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
     ("sin(2*pi*temperature", _ETALON),
+    ("sin(2*pi*(temperature", "like an etalon whose path drifts, as it ages or relaxes"),
     (") * above(chamber_temperature - lag(", "like interference of the chamber's heater, aliased by the sampling"),
     (") * above(lag(chamber_temperature", "like interference of the chamber's cooling, aliased by the sampling"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
@@ -442,12 +443,16 @@ def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:
     """The first of two that resemble each other, or the other where it is simpler and no evidence tells them apart.
 
     A parameter on its bound is needless where little speaks for it, and so is a size that cancels a part of the model.
+    What is the same with a parameter more, which its words tell last, is no other cause.
     """
     cancels = _cancels(layout, first.one.contribution) and not _cancels(layout, other.one.contribution)
     least = first.total - (FORMULA_EVIDENCE if first.one.on_bound or cancels else TIE)
     if other.total > least and (cancels or len(other.one.theta) < len(first.one.theta)):
-        return replace(other, alike=(*first.alike, first.one))
-    return replace(first, alike=(*first.alike, other.one))
+        kept, rest = other, first.one
+    else:
+        kept, rest = first, other.one
+    more = () if rest.formula.words.startswith(kept.one.formula.words) else (rest,)
+    return replace(kept, alike=(*first.alike, *more))
 
 
 def _judged(ranked: list[_Ranked]) -> list[_Ranked]:

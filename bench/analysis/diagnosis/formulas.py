@@ -40,6 +40,7 @@ _LOOKED_AT = 1000  # best entries of the grid
 _SHARING = 6  # leaders that may have the same block
 _REFINED = 6.0  # evidence that the refinement of a parameter adds, where it adds any
 _NEAR = 10.0  # evidence that refinement may add to what the grid shows
+_SHOWN = 0.6  # share of a strong evidence that the grid shows at least
 _NULLS = 60
 _ABOUT = 400  # parameters tried about those of a formula that jumps,
 _NEARER = (-3.0, -0.8)  # … by powers of ten of their ranges
@@ -78,7 +79,7 @@ class FormulaSearch:
         """Formulas that pay for what they estimate and for what was tried, best first; see `FORMULA_EVIDENCE`.
 
         Where none has more than the `least` evidence, what chance reaches is not simulated: it only takes from them.
-        Where none of the grid comes `near` this evidence, none is refined and there is no answer.
+        Where none of the grid and of the few that promise most comes `near` this evidence, there is no answer.
         """
         singles = [*self.grammar.singles(), self.grammar.line(self._periods())]
         singles += self.grammar.snaps(*self._jumps())
@@ -94,7 +95,7 @@ class FormulaSearch:
         scan = library.scan(self._lattice, points, self._layout.problem.y[:, None], self._still(), self._workers)
         paid = library.paid(candidates) + price[scan.which]
         rough = scan.base[0] - scan.values[:, 0] - paid
-        if not rough.max() > near - _NEAR:
+        if not rough.max() > _SHOWN * near - _NEAR:
             return ()
         leaders = self._leaders(rough, scan, formulas)
         # The grid shows the less of a formula, the more parameters are to be refined.
@@ -108,7 +109,10 @@ class FormulaSearch:
             partial(self._refined, formulas[index], candidates[index], scan.starts(index, points), float(price[index]))
             for index in dict.fromkeys(leaders)
         ]
-        found = shared(tasks, self._workers)
+        found = shared(tasks[:_GROWN], self._workers)
+        if not max(rough.max(), *(one.evidence for one in found)) > near - _NEAR:
+            return ()
+        found += shared(tasks[_GROWN:], self._workers)
         for one in tuple(found):  # what a memory that is too short to tell stands for was crowded out by it
             if plain := one.formula.at_once(one.theta):
                 found += self._longer(one, [(plain[0], (plain[1],))], self._tried_of(one, sizes))

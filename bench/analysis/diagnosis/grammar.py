@@ -25,6 +25,7 @@ _MOST_DEGREE = 2  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
 _ROOM_DEGC = 23.0  # to begin with
 _PERIODS = 48  # of a line over temperature
+_TURNS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)  # by which its phase moves within a run
 _SLOPE = Block("dT_dt", "dT/dt", "degC/min")
 _ONE_WAY = Block("above(direction)", "heating alone", ""), Block("above(-direction)", "cooling alone", "")
 
@@ -137,6 +138,7 @@ class Grammar:
             replace(lagged("dT_dt", "dT/dt", "degC/min", self.ranges.length_s), most=self.ranges.fastest),
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
             lagged("direction", "the direction of change", "", self.ranges.length_s),
+            lagged("abs(direction)", "any change of temperature", "", self.ranges.length_s, every=2),
             loop("temperature", self.ranges.temperature, "degC"),
         ]
         for name in self.ranges.apart:
@@ -282,7 +284,17 @@ class Grammar:
         many = tuple((tau_s, *one) for tau_s in _INNER_S for one in grid)
         inner = Block("sin(2*pi*lag(temperature, {tau_s})/{period_degc})", "a sine over a temperature that lags", "",
                       both, many)  # fmt: skip
-        found = [Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid), inner]
+        # Of one that moves by half a period nothing is left of the plain sine, either.
+        hours = self.ranges.length_s / 3600.0
+        moving = (("drift", (-0.5 * span / hours, 0.5 * span / hours)), *bounds)
+        moved = tuple((turns * period / hours, period) for turns in _TURNS for (period,) in grid)
+        drifting = Block("sin(2*pi*(temperature + {drift} * time/3600)/{period_degc})",
+                         "a sine over temperature that drifts with time", "", moving, moved)  # fmt: skip
+        found = [
+            Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid),
+            inner,
+            drifting,
+        ]
         for name in self.ranges.moved:
             low, high = self.ranges.of(name)
             periods = tuple((float((high - low) / turns),) for turns in np.linspace(1.0, 8.0, 15))
