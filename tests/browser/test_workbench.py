@@ -366,9 +366,17 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
     page.get_by_text("Saved as mine; commands know it by --model mine").wait_for()
-    assert "k * time" in (mystery / "profiles" / "models" / "mine.yaml").read_text()
+    page.get_by_text("a user-defined formula cannot be represented in the image").wait_for()
+    assert "polynomial" in page.locator(".wb-save .wb-warn").inner_text(), "a model that a unit can hold"
+    page.get_by_label("Save as model").fill("моя модель")
+    page.get_by_label("Save as model").press("Enter")
+    page.get_by_text("no spaces").wait_for()
+    page.get_by_label("Save as model").fill("моя_модель")
+    page.get_by_label("Save as model").press("Enter")
+    page.get_by_text("Saved as моя_модель; commands know it by --model моя_модель").wait_for()
+    assert "k * time" in (mystery / "profiles" / "models" / "моя_модель.yaml").read_text()
     page.goto(page.url)
-    page.get_by_label("Start with").select_option("mine")
+    page.get_by_label("Start with").select_option("моя_модель")
     page.get_by_role("textbox", name=re.compile("formula", re.IGNORECASE)).first.wait_for()
     values = [box.input_value() for box in page.locator(".wb-effects input.wb-code").all()]
     assert any("k * time" in value for value in values), values

@@ -237,7 +237,7 @@ def test_the_shipped_plans_can_be_carried_out_on_the_shipped_stations(path, tmp_
         (
             "[spline_lag_loop, spline]",
             "[spline_lag_loop, expression]",
-            "model 'expression': expression: cannot be delivered",
+            "models that a unit can hold: mems, polynomial, regression, spline, spline_lag_loop",
         ),
         ("[spline_lag_loop, spline]", "[splin]", "unknown model 'splin'"),
     ],

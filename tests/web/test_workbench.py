@@ -15,6 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from bench.analysis import DescribedFormula, load_model, model_from
 from bench.analysis.diagnosis.answer import SuspectedEffect
@@ -23,6 +24,7 @@ from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
 from bench.base import number, user_name
+from bench.cli import main
 from bench.deliver import coordinate_over, drawable_coordinates
 from bench.record import Dataset, NotesRecord, prove
 from bench.record.reading import load
@@ -418,6 +420,31 @@ def test_a_model_of_the_page_is_one_of_the_command_line_by_its_name(
     assert [effect.name for effect in load_model(saved["name"]).effects] == ["spline", "hysteresis"]
     (store / "profiles" / "models" / "theirs.yaml").write_text(load_model("ours").to_yaml())
     assert "theirs" in {model["name"] for model in client.get(f"{API}/models").json()["models"]}
+
+
+@pytest.mark.parametrize("name", ["лінія_1", "模型-2"])
+def test_a_model_has_a_name_in_its_users_own_script_on_the_command_line_too(
+    client: httpx.Client, store: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    saved = client.post(f"{API}/models", json={"name": name, "model": LOOP})
+    assert (saved.status_code, saved.json()["name"]) == (201, name)
+    assert name in saved.json()["yaml"], "people can read it"
+    assert client.post(f"{API}/models", json={"name": f"{name} /", "model": LOOP}).status_code == 422
+    monkeypatch.chdir(store)
+    compared = CliRunner().invoke(main, ["compare", str(store / RUN), "--model", name])
+    assert compared.exit_code == 0, compared.output
+    assert name in compared.output
+
+
+def test_who_saves_a_model_is_told_that_no_unit_can_hold_it_and_which_ones_a_unit_can(client: httpx.Client) -> None:
+    term = {"effect": "expression", "formula": "k * time"}
+    model = {"name": "x", "effects": [*SPLINE["effects"], term]}
+    told = client.post(f"{API}/models", json={"name": "of_time", "model": model}).json()["undeliverable"]
+    assert "a user-defined formula cannot be represented in the image" in told
+    named = told.partition("models that a unit can hold: ")[2].split(", ")
+    assert {"polynomial", "spline"} <= {*named}
+    assert not {"of_time", "expression", "scale_factor"} & {*named}
+    assert client.post(f"{API}/models", json={"name": "held", "model": LOOP}).json()["undeliverable"] == ""
 
 
 def test_a_parameter_of_a_model_has_its_unit(client: httpx.Client) -> None:

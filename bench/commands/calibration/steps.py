@@ -73,10 +73,8 @@ def check_order(order: Order) -> list[str]:
     order.refuse_same()
     limits = load_limits(order.document(plan.limits))
     for model in plan.models:
-        try:
-            deliver.refuse_undeliverable(order.load_model(model))
-        except InputError as error:
-            raise InputError(f"model '{model}': {error}", order.path) from None
+        if why := deliver.undeliverable(order.load_model(model)):
+            raise InputError(f"model '{model}': {why}", order.path)
     station = acquisition.station_of(order.station_file())
     unit = station.chosen([order.serial])[0]
     if unit.identity is None and not any(map(str.isdigit, order.serial)):

@@ -6,14 +6,16 @@ range in which the unit evaluates it and expanded in Chebyshev polynomials, so t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Effect, Fit, Model, Theta, options_of
-from bench.base import DPH_PER_DPS, FloatArray, InputError
+from bench.analysis import Effect, Fit, Model, Theta, load_model, model_files, options_of
+from bench.base import DPH_PER_DPS, BenchError, FloatArray, InputError
 from bench.deliver.export import chebyshev
 from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
 from bench.deliver.export.inverse import over_output, static_over
@@ -62,6 +64,24 @@ def refuse_undeliverable(model: Model, effects: Sequence[Effect] | None = None) 
                 )
         elif effect.name not in {"temperature_rate", "creep"}:
             parts_of(effect)
+
+
+def undeliverable(model: Model, project: Path = Path()) -> str:
+    """Why no unit can evaluate a model, with the named models that one can at rest; empty where one can."""
+    try:
+        refuse_undeliverable(model)
+    except InputError as error:
+        return f"{error}; models that a unit can hold: {', '.join(_deliverable(project))}"
+    return ""
+
+
+def _deliverable(project: Path) -> Iterator[str]:
+    for name, path in model_files(project).items():
+        with contextlib.suppress(BenchError):  # who names a broken one is told why it cannot be read
+            model = load_model(path)
+            refuse_undeliverable(model)
+            if not any("applied_rate" in effect.needs for effect in model.effects):
+                yield name
 
 
 @dataclass

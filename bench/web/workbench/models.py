@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 
 from bench.analysis import FUNCTIONS, MODELS, Expression, catalogue, load_model, model_files, needing_bounds, variables
 from bench.base import InputError, library
+from bench.deliver import undeliverable
 from bench.record import channels_in, slug, write_atomically
 from bench.web.ground.problems import row
 from bench.web.ground.settings import Here, Settings
@@ -48,7 +49,7 @@ class KnownModels(BaseModel):
 class SaveRequest(BaseModel):
     """A model to keep under a name."""
 
-    name: str = Field(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$")
+    name: str = Field(min_length=1, max_length=60, pattern=r"^[\p{L}\p{N}][\p{L}\p{N}._+-]*$")
     model: ModelJson
 
 
@@ -58,6 +59,8 @@ class Saved(BaseModel):
     name: str
     file: str
     yaml: str
+    undeliverable: str = ""
+    """Why no unit can hold it, with models that one can; empty where one can."""
 
 
 class ParameterAnswer(BaseModel):
@@ -137,7 +140,7 @@ def save(body: SaveRequest, here: Here, who: Engineer, response: Response) -> Sa
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, text.encode())
-    return Saved(name=path.stem, file=str(path), yaml=text)
+    return Saved(name=path.stem, file=str(path), yaml=text, undeliverable=undeliverable(model, here.project))
 
 
 @router.get("/effects")

@@ -50,17 +50,18 @@ export function useModels() {
 /** Models that the server takes at once. */
 const MOST_MODELS = 12;
 /** Names that the server takes. */
-const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
+const NAME = /^[\p{L}\p{N}][\p{L}\p{N}._+-]{0,59}$/u;
 
 function Save({ model, onSaved }) {
-  const [name, setName] = useState("");
+  const [given, setGiven] = useState("");
   const [message, setMessage] = useState(null);
   const save = async (event) => {
     event.preventDefault();
+    const name = given.trim().normalize("NFC"); // as the file is called
     if (!NAME.test(name)) return setMessage({ good: false, text: t("workbench.model.name_wrong") });
     try {
-      await api.post("/models", { name, model: { ...model, name } });
-      setMessage({ good: true, text: t("workbench.model.saved", { name }) });
+      const { undeliverable } = await api.post("/models", { name, model: { ...model, name } });
+      setMessage({ good: true, text: t("workbench.model.saved", { name }), undeliverable });
       onSaved();
     } catch (error) {
       setMessage({ good: false, text: error.status === 409 ? t("workbench.model.name_used", { name }) : error.message });
@@ -70,10 +71,11 @@ function Save({ model, onSaved }) {
   return html`<form class="wb-save" onSubmit=${save}>
     <label for="wb-model-name">${t("workbench.model.save_as")}</label>
     <div class="wb-field">
-      <input id="wb-model-name" type="text" value=${name} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setName(event.target.value)} />
-      <button type="submit" class="narrow" disabled=${!name.trim()}>${t("workbench.model.save")}</button>
+      <input id="wb-model-name" type="text" value=${given} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setGiven(event.target.value)} />
+      <button type="submit" class="narrow" disabled=${!given.trim()}>${t("workbench.model.save")}</button>
     </div>
     <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && (message.good ? `✓ ${message.text}` : html`✕ <${Said} text=${message.text} />`)}</p>
+    ${message?.undeliverable && html`<p class="wb-warn" role="status">${t("workbench.model.undeliverable")} <${Said} text=${message.undeliverable} whole /></p>`}
   </form>`;
 }
 
