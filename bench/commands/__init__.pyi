@@ -98,6 +98,8 @@ from .calibration.job import JOB_MARK as JOB_MARK
 from .calibration.job import JobFile as JobFile
 from .calibration.job import at_work as at_work
 from .calibration.steps import STEP_NAMES as STEP_NAMES
+from .calibration.order import named_by as named_by
+from .calibration.steps import check_files as check_files
 from .calibration.steps import check_order as check_order
 from .papers import PAPERS as PAPERS
 from .papers import Papers as Papers

@@ -1,4 +1,4 @@
-"""The texts of profiles, stations and limits in the page."""
+"""The texts of profiles, stations, limits and plans in the page."""
 
 import re
 
@@ -145,3 +145,26 @@ def test_a_file_with_warnings_can_be_used_and_is_not_said_to_have_nothing_wrong(
     page.goto("/files?kind=profiles&id=one_rate")
     page.get_by_text("Check passed, with 2 warnings").wait_for()
     assert page.get_by_text("Nothing is wrong").count() == 0
+
+
+def test_a_model_of_ones_own_gets_into_a_plan_that_the_start_page_offers(address, visitors, project):
+    models = project / "profiles" / "models"
+    models.mkdir(exist_ok=True)
+    (models / "лінія.yaml").write_text("name: лінія\neffects: [{polynomial: {order: 2}}]\n")
+    (models / "formula.yaml").write_text("name: formula\neffects: [spline, {expression: {formula: k * time}}]\n")
+    page = visitors.come(address)
+    page.goto("/files?kind=plans&id=quick")
+    text = page.get_by_label("Text of the file")
+    text.wait_for()
+    shipped = text.input_value().replace("name: quick", "name: of_lines")
+    text.fill(shipped.replace("spline_lag_loop, polynomial", "formula"))
+    page.get_by_text("models that a unit can hold").wait_for()
+    page.get_by_text("It cannot be used like this").wait_for()
+    text.fill(shipped.replace("spline_lag_loop, polynomial", "лінія"))
+    page.locator("svg.curve").wait_for()
+    page.get_by_label("Save as").fill("of_lines")
+    page.get_by_role("button", name="Save as my own").click()
+    page.wait_for_url("**id=of_lines")
+    page.goto("/start?unit=SIM-0001&station=simulated")
+    page.get_by_role("button", name="of lines").click()
+    page.locator("button.giant:enabled").wait_for()

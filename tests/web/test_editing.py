@@ -1,4 +1,4 @@
-"""Profiles, stations and limits are edited as text: errors at their lines, comments kept, shipped files untouched."""
+"""Profiles, stations, limits and plans are edited as text: errors at their lines, comments and shipped files kept."""
 
 import pytest
 
@@ -169,3 +169,40 @@ def test_a_changed_copy_of_a_shipped_profile_needs_a_name_of_its_own(bench):
     assert (refused.status_code, refused.json()["detail"]) == (400, f"line {line}: {wrong['text']}")
     again = {"text": other, "digest": saved.json()["digest"]}
     assert client.put("/api/v1/files/profiles/mine", json=again).status_code == 200
+
+
+def test_a_plan_is_copied_gets_a_model_of_ones_own_and_is_checked_as_its_calibration_would_be(tmp_path, monkeypatch):
+    project = bench_project.made(tmp_path / "project")
+    monkeypatch.chdir(project)
+    with served(Settings(tmp_path / "out", project=project)) as client:
+        edit_a_plan(client, project)
+
+
+def edit_a_plan(client, project):
+    models = project / "profiles" / "models"
+    models.mkdir(exist_ok=True)
+    (models / "лінія.yaml").write_text("name: лінія\neffects: [{polynomial: {order: 2}}]\n")
+    (models / "formula.yaml").write_text("name: formula\neffects: [spline, {expression: {formula: k * time}}]\n")
+    assert "quick" in client.get("/api/v1/files").json()["plans"]
+    opened = client.get("/api/v1/files/plans/quick").json()
+    text = opened["text"].replace("[spline_lag_loop, polynomial]", "[MODEL]").replace("name: quick", "name: mine")
+    checks = "/api/v1/files/plans/mine/checks"
+    found = done(client, checks, text=text.replace("MODEL", "лінія"))
+    assert (found["ok"], found["duration_s"] > 3600, found["curve"][0][0]) == (True, True, 0.0), found
+    for model, said in (("formula", "models that a unit can hold: "), ("lnia", "unknown model 'lnia'")):
+        wrong = text.replace("MODEL", model)
+        told = done(client, checks, text=wrong)
+        assert (told["ok"], said in told["findings"][0]["text"]) == (False, True), told
+        refused = client.put("/api/v1/files/plans/mine", json={"text": wrong, "digest": ""})
+        assert (refused.status_code, said in refused.json()["detail"]) == (400, True), refused.text
+    wrong = text.replace("limits: ..", "limit: ..")
+    lines = {one["line"] for one in done(client, checks, text=wrong)["findings"]}
+    assert next(n for n, line in enumerate(wrong.splitlines(), 1) if line.startswith("limit:")) in lines
+    bare = done(client, checks, text=text.replace("MODEL", "лінія"), station="bare")
+    assert "no laboratory and no signatory" in bare["findings"][0]["text"]
+    kept = client.put("/api/v1/files/plans/mine", json={"text": text.replace("MODEL", "лінія"), "digest": ""})
+    assert kept.status_code == 200, kept.text
+    plans = {plan["id"]: plan for plan in client.get("/api/v1/calibration-plans").json()["plans"]}
+    assert (plans["mine"]["problem"], plans["mine"]["title"]) == ("", "mine"), "its profiles are the shipped ones"
+    asked = {"plan": "mine", "station": "simulated", "unit": "SIM-0001"}
+    assert done(client, "/api/v1/calibrations/checks", **asked)["ok"]

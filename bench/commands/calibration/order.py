@@ -8,11 +8,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from bench.analysis import Model, load_model
-from bench.base import BenchError, Document, InputError, load_config, read_yaml
+from bench.base import BenchError, Document, InputError, library, load_config, read_yaml
 from bench.commands.acquisition import station_file
 from bench.commands.calibration.plan import Plan
 from bench.commands.papers import Papers
 from bench.commands.slots import seated
+
+
+def named_by(plan: Path, name: str) -> Path:
+    """A file that a plan names: beside it, else a shipped one, which a copy of a shipped plan names in the same way."""
+    own, shipped = places(plan, name)
+    return shipped if shipped.is_file() and not own.is_file() else own
+
+
+def places(plan: Path, name: str) -> tuple[Path, Path]:
+    """Where a file that a plan names may be."""
+    return plan.parent / name, library() / "plans" / name
 
 
 @dataclass
@@ -42,19 +53,20 @@ class Order:
     together: Together = field(default_factory=lambda: Together(()))
 
     @classmethod
-    def load(cls, path: Path, station: Path | None, unit: str, out: Path, quiet: bool = False) -> Order:
+    def load(cls, plan: Path | Document, station: Path | None, unit: str, out: Path, quiet: bool = False) -> Order:
         """Read the plan; InputError where it, or a file that it names, is wrong or missing.
 
         `unit` is a unit of the station, or a new one in the slot of one (`NEW@KNOWN`).
         """
-        return cls.load_all(path, station, [unit], out, quiet)[0]
+        return cls.load_all(plan, station, [unit], out, quiet)[0]
 
     @classmethod
     def load_all(
-        cls, path: Path, station: Path | None, units: Sequence[str], out: Path, quiet: bool = False
+        cls, plan: Path | Document, station: Path | None, units: Sequence[str], out: Path, quiet: bool = False
     ) -> list[Order]:
         """The same for several units of the station, each in its slot; InputError where one is named twice."""
-        own = read_yaml(path)
+        own = plan if isinstance(plan, Document) else read_yaml(plan)
+        path = Path(own.file)
         order = cls(load_config(own, Plan), path, station, {path: own}, "", out, quiet)
         known = {file: read_yaml(file) for file in order.files() if file != path}
         free = known[station] if station else station_file(None)
@@ -69,8 +81,9 @@ class Order:
         return [replace(order, serial=serial, place=one.text) for serial, one in zip(serials, alone, strict=True)]
 
     def file(self, name: str) -> Path:
-        """A file that the plan names."""
-        return self.path.parent / name
+        """A file that the plan names; one that appears beside it after they were read changes nothing."""
+        read = [file for file in places(self.path, name) if file in self.documents]
+        return read[0] if read else named_by(self.path, name)
 
     def document(self, name: str) -> Document:
         """A file that the plan names, as it was read."""

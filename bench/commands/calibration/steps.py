@@ -21,7 +21,7 @@ import numpy as np
 
 from bench import deliver
 from bench.acquisition import load_profile, refuse_errors
-from bench.analysis import Model, load_limits
+from bench.analysis import Limits, Model, load_limits
 from bench.base import InputError
 from bench.commands import acquisition, analysis
 from bench.commands.calibration.doubts import decided, doubts, judged, verdict_of
@@ -70,11 +70,7 @@ class Check:
 def check_order(order: Order) -> list[str]:
     """Warnings about a plan for a unit on a station; InputError where it cannot be carried out."""
     plan = order.plan
-    order.refuse_same()
-    limits = load_limits(order.document(plan.limits))
-    for model in plan.models:
-        if why := deliver.undeliverable(order.load_model(model)):
-            raise InputError(f"model '{model}': {why}", order.path)
+    limits = check_files(order)
     station = acquisition.station_of(order.station_file())
     unit = station.chosen([order.serial])[0]
     if unit.identity is None and not any(map(str.isdigit, order.serial)):
@@ -99,6 +95,15 @@ def check_order(order: Order) -> list[str]:
     if late:
         raise InputError(f"segments of the profiles would fail on this station: {', '.join(late)}", order.path)
     return warnings
+
+
+def check_files(order: Order) -> Limits:
+    """The limits of a plan; InputError where what it names cannot be used on any station."""
+    order.refuse_same()
+    for model in order.plan.models:
+        if why := deliver.undeliverable(order.load_model(model)):
+            raise InputError(f"model '{model}': {why}", order.path)
+    return load_limits(order.document(order.plan.limits))
 
 
 def check_papers(order: Order, station: StationSettings) -> list[str]:

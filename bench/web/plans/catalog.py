@@ -22,9 +22,11 @@ from bench.commands import (
     Papers,
     at_work,
     before_opening,
+    check_files,
     check_on,
     check_order,
     load_station,
+    named_by,
     seated,
     station_file,
     station_of,
@@ -204,7 +206,7 @@ def calibration(path: Path, read: Read) -> dict[str, Any]:
     """The plan of a calibration in short; raises what reading it, or its profiles, raises."""
     known = read(path, _calibration_plan)
     names = [name for name in (known.static, known.profile, known.verification) if name]
-    files = [path.parent / name for name in names]
+    files = [named_by(path, name) for name in names]
     profiles = [read(file, load_profile) for file in files]
     legs = [leg for profile in profiles for leg in profile.legs()]
     return {
@@ -279,20 +281,23 @@ def ordered(wanted: Mapping[str, Any]) -> dict[str, Any]:
     units = [wanted["unit"], *wanted["others"]]
     order, *others = Order.load_all(Path(wanted["plan"]), Path(wanted["station"]), units, Path(wanted["out"]))
     station_of(order.station_file()).chosen([one.serial for one in (order, *others)])
-    profiles = [load_profile(order.document(name)) for name in order.profiles()]
     job = JobFile.newest(order.out / slug(order.serial), order.digest())
     told = {
         "units": [order.serial],
-        "duration_s": sum(profile.duration_s for profile in profiles),
-        "curve": curve(*profiles),
         "segments": [],
         "begun": job and _begun(job),
     }
+    return {**told, **_checked(order, Path(wanted["project"]))}
+
+
+def _checked(order: Order, project: Path) -> dict[str, Any]:
+    """The check of an order, its duration and its curve."""
+    profiles = [load_profile(order.document(name)) for name in order.profiles()]
+    told = {"duration_s": sum(profile.duration_s for profile in profiles), "curve": curve(*profiles)}
     try:
         warnings = check_order(order)
     except BenchError as error:
-        said = within(Path(wanted["project"]), str(error))
-        found = [{"level": "error", "text": text, "line": None} for text in said.splitlines()]
+        found = _by_line(within(project, str(error)), within(project, str(order.path)))
         return {**told, "ok": False, "findings": found}
     return {**told, "ok": True, "findings": [{"level": "warning", "text": text, "line": None} for text in warnings]}
 
@@ -305,7 +310,8 @@ def _begun(job: JobFile) -> dict[str, str]:
 def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """The check of a text that is being edited, in a computing process: what is wrong with it, by line.
 
-    A profile is rehearsed on the file `station`, as `bench check` does, and has its curve.
+    A profile is rehearsed on the file `station`, as `bench check` does, and has its curve; a plan is checked there for
+    its first unit, as `bench calibrate` does.
     """
     project = Path(wanted["project"])
     found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"], project)
@@ -315,6 +321,10 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
         return {**told, "ok": told["ok"] and not errors, "findings": [*errors, *others]}
     if errors:
         return {"ok": False, "curve": [], "findings": errors}
+    if isinstance(found, CalibrationPlan):
+        place = Path(wanted["station"])
+        unit = station_of(station_file(place)).units[0].serial
+        return _checked(Order.load(parse_yaml(wanted["text"], wanted["file"]), place, unit, project), project)
     findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
     return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
 
@@ -328,6 +338,7 @@ def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[di
         "profiles": load_profile,
         "stations": station_of,
         "limits": load_limits,
+        "plans": _usable_plan,
     }
     try:
         found = load[kind](parse_yaml(text, file))
@@ -339,6 +350,13 @@ def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[di
     if isinstance(found, Profile) and (text := taken_name(found)):
         return found, _told([Finding("error", text, found.file, found.line)])
     return found, []
+
+
+def _usable_plan(text: Document) -> CalibrationPlan:
+    """A plan; InputError where it, or a file or model that it names, cannot be used."""
+    (order,) = Order.load_all(text, None, [""], Path())
+    check_files(order)
+    return order.plan
 
 
 def _by_line(text: str, file: str) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""`/files`: profiles, stations and limits as texts that are edited in the page and saved as the user's own copies.
+"""`/files`: profiles, stations, limits and plans as texts that are edited in the page and saved as one's own copies.
 
 The text is saved as it was typed: comments and order stay. A shipped file is never written; a copy of the same name in
 the project takes its place.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from hashlib import sha256
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from fastapi import APIRouter, HTTPException, Request
 from fastapi import Path as Part
@@ -24,7 +24,7 @@ from bench.web.plans.catalog import Catalog, loaded, named
 from bench.web.plans.checking import Name
 
 router = APIRouter(tags=["plans"])
-Kind = Literal["profiles", "stations", "limits"]
+Kind = Literal["profiles", "stations", "limits", "plans"]
 Id = Annotated[str, Part(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$")]
 MOST_SIGNS = 200_000
 
@@ -35,6 +35,8 @@ class Listed(BaseModel):
     profiles: list[str]
     stations: list[str]
     limits: list[str]
+    plans: list[str]
+    """Those of calibrations."""
     own: dict[str, list[str]]
 
 
@@ -47,7 +49,7 @@ class Text(BaseModel):
 
 
 class Draft(BaseModel):
-    """A text that is being edited; a profile is checked on a station."""
+    """A text that is being edited; a profile, or a plan, is checked on a station."""
 
     text: str = Field(max_length=MOST_SIGNS)
     station: Name = "simulated"
@@ -62,8 +64,8 @@ class Saved(BaseModel):
 
 @router.get("/files")
 def files(here: Here) -> Listed:
-    """Profiles, stations and limits that can be edited."""
-    found = {kind: _files(kind, here) for kind in ("profiles", "stations", "limits")}
+    """Profiles, stations, limits and plans that can be edited."""
+    found = {kind: _files(kind, here) for kind in get_args(Kind)}
     own = {kind: [id_ for id_, path in known.items() if _is_own(path, here)] for kind, known in found.items()}
     return Listed(own=own, **{kind: list(known) for kind, known in found.items()})
 
@@ -104,7 +106,8 @@ def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
 
 def _files(kind: str, here: Settings) -> dict[str, Path]:
     known = Catalog(here.project, here.own)
-    return {"profiles": known.plans, "stations": known.stations, "limits": known.limits}[kind]()
+    listed = {"profiles": known.plans, "stations": known.stations, "limits": known.limits, "plans": known.calibrations}
+    return listed[kind]()
 
 
 def _place(kind: str, here: Settings) -> Path:

@@ -1,4 +1,4 @@
-// Profiles, stations and limits as texts: checked while they are typed, errors at their lines, a profile with its picture.
+// Profiles, stations, limits and plans as texts: checked while they are typed, errors at their lines, what is run with its picture.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
 import { compute, get, put, url } from "../lib/api.js";
 import { Curve } from "../lib/curve.js";
@@ -12,12 +12,14 @@ import { duration, t } from "../lib/words.js";
 import { Findings } from "./start/ready.js";
 import { useGet } from "./stock/parts.js";
 
-const KINDS = ["profiles", "stations", "limits"];
+const KINDS = ["profiles", "stations", "limits", "plans"];
+/** Kinds that a station carries out. */
+const DONE = ["profiles", "plans"];
 const PAUSE_MS = 600;
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
 /** Name of a file; a profile of one's own has that of its file, whatever the shipped one says. */
-const titleOf = (kind, id, own) => ({ profiles: () => planTitle({ id, title: id, shipped: !own }), stations: () => stationName(id), limits: () => limitsName(id) })[kind]();
+const titleOf = (kind, id, own) => ({ profiles: () => planTitle({ id, title: id, shipped: !own }), stations: () => stationName(id), limits: () => limitsName(id), plans: () => planTitle({ id, title: id, shipped: !own, calibration: true }) })[kind]();
 
 /** The check of a text, asked for a moment after the last key: {result, error, busy}. */
 function useDraft(kind, id, text, station) {
@@ -96,7 +98,7 @@ function File({ kind, id, stations, saved }) {
   return html`<form class="edit-file stack" onSubmit=${save}>
     <h2>${titleOf(kind, id, file.own)} <span class="small soft mono">${id}.yaml</span></h2>
     <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
-    <div class=${kind === "profiles" ? "edit-two" : undefined}>
+    <div class=${DONE.includes(kind) ? "edit-two" : undefined}>
       <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} closed=${!mine} change=${(next) => {
         setText(next);
         setState({});
@@ -108,7 +110,7 @@ function File({ kind, id, stations, saved }) {
           <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div>`}
       </div>
       <div class="stack">
-        ${mine && kind === "profiles" && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
+        ${mine && DONE.includes(kind) && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}
         ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
         <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${tone === "warn" ? t("ready.warn", { n: warnings }) : t(`files.${tone}`)}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
