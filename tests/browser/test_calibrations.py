@@ -254,7 +254,11 @@ def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers
         "verdict": "INVALID",
         "facts": {"limits": "INVALID", "model": "spline", "held_out_rms_dph": 0.4},
     }
-    began = {"check": {"state": "failed", "verdict": None}, "fit": {"state": "done", "verdict": "INVALID"}}
+    began = {
+        "check": {"state": "done", "verdict": None, "warnings": 2},
+        "run": {"state": "failed", "verdict": None, "warnings": 0},
+        "fit": {"state": "done", "verdict": "INVALID", "warnings": 0},
+    }
     mate = {"state": "failed", "verdict": None, "sentence": why, "certificate": False, "steps": began}
     job = {
         "job": "GX-1/1", "unit": "GX-1", "plan": "brief", "state": "failed", "verdict": None, "sentence": why,
@@ -270,6 +274,8 @@ def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers
     box = "document.querySelector('.job-mates').parentElement"
     assert page.locator(".job-steps a[href='/verdict/GX-1/r1']").count() == 1, "why it is INVALID"
     assert page.locator(".job-mates td.tone-good").count() == 0, "nor is an INVALID fit a good one beside the others"
+    check = page.locator(".job-mates td.tone-warn .unseen").first
+    assert "2" in check.inner_text(), "a check with warnings is no plain pass"
     lamp = f"{box}.querySelector('.lamp').getBoundingClientRect()"
     assert page.evaluate(f"{lamp}.right < {box}.getBoundingClientRect().right"), "how each stands is in sight"
     page.emulate_media(media="print")

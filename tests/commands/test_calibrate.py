@@ -44,7 +44,7 @@ class Fake:
         self.count += 1
         if self.errors:
             raise self.errors.pop(0)
-        return replace(self.done, facts={"count": self.count})
+        return replace(self.done, facts={**self.done.facts, "count": self.count})
 
 
 @pytest.fixture

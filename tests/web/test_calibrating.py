@@ -325,7 +325,10 @@ def test_units_that_began_together_are_told_together_and_one_goes_on_alone(setti
     held = Fake("diagnose", done=Done("in doubt", hold="a person must look"))
     spoilt = Done("", cases=[Case("fit")], verdict="INVALID")
     skipped = Done("", cases=[Case("static", skipped=True)])
-    calibrate_all(orders[:1], steps=[Fake("check"), Fake("static", done=skipped), Fake("fit", done=spoilt)])
+    warned = Done("checked", {"warnings": ["the certificate will not be signed"]})
+    calibrate_all(
+        orders[:1], steps=[Fake("check", done=warned), Fake("static", done=skipped), Fake("fit", done=spoilt)]
+    )
     calibrate_all(orders[1:], steps=[Fake("check"), held])
     record(settings, units, orders)
     with served(settings) as client:
@@ -333,9 +336,9 @@ def test_units_that_began_together_are_told_together_and_one_goes_on_alone(setti
         assert {job["unit"]: job["state"] for job in listed} == {"SIM-0001": "ended", "GX-2": "held"}
         assert {mate["unit"]: mate["state"] for mate in listed[0]["together"]} == {"SIM-0001": "ended", "GX-2": "held"}
         assert listed[0]["together"][0]["steps"] == {
-            "check": {"state": "done", "verdict": None},
-            "static": {"state": "skipped", "verdict": None},
-            "fit": {"state": "done", "verdict": "INVALID"},
+            "check": {"state": "done", "verdict": None, "warnings": 1},
+            "static": {"state": "skipped", "verdict": None, "warnings": 0},
+            "fit": {"state": "done", "verdict": "INVALID", "warnings": 0},
         }
         begun = []
         answer = lambda order, _: begun.append(order) or start_of(order)  # noqa: E731

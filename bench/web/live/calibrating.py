@@ -102,6 +102,8 @@ class Short(BaseModel):
 
     state: Literal["begun", "done", "failed", "void", "skipped"]
     verdict: str | None
+    warnings: int
+    """How many warnings and doubts it was done with."""
 
 
 class Mate(BaseModel):
@@ -382,7 +384,10 @@ def _state(folder: Path, record: JobRecord, start: dict[str, Any] | None) -> Any
 
 def _short(name: str, step: StoredStep) -> Short:
     skipped = any(case.skipped and case.name == name for case in step.cases)
-    return Short.model_validate({"state": "skipped" if skipped else step.state, "verdict": step.verdict})
+    warnings = sum(len(step.facts.get(kind) or ()) for kind in ("warnings", "doubts"))
+    return Short.model_validate(
+        {"state": "skipped" if skipped else step.state, "verdict": step.verdict, "warnings": warnings}
+    )
 
 
 def _step(name: str, record: JobRecord, folder: Path, here: Settings) -> StepNow:

@@ -20,17 +20,25 @@ export const stepNow = ({ steps }) => steps.filter(({ state }) => state === "beg
 /** Whether the plan had no such step: it was passed over. */
 export const passedOver = (step) => step.cases.some(({ name, skipped }) => skipped && name === step.name);
 
+/** How many warnings and doubts a step was done with. */
+const warningsOf = ({ facts, warnings }) => warnings ?? (facts?.warnings?.length ?? 0) + (facts?.doubts?.length ?? 0);
+
 /** Tone of a step: that of its verdict, else of its state; a step that was begun does not go on where nobody works on it. */
 export function stepTone(step, job) {
-  if (step.state === "done" && step.facts?.warnings?.length) return "warn";
-  if (step.state === "done") return passedOver(step) ? "idle" : step.verdict ? verdictTone(step.verdict) : "good";
+  if (step.state === "done" && passedOver(step)) return "idle";
+  if (step.state === "done") {
+    const tone = step.verdict ? verdictTone(step.verdict) : "good";
+    return tone === "good" && warningsOf(step) ? "warn" : tone;
+  }
   return step.state === "begun" && job.state !== "running" ? "bad" : STEPS[step.state];
 }
 
 /** What became of a step: its verdict, else its state. */
 export function stepWord(step, job) {
   if (step.state === "done" && passedOver(step)) return t("step.skipped");
-  if (step.state === "done" && step.verdict) return outcomeWord(step.verdict);
+  if (step.state === "done" && (step.verdict || warningsOf(step))) {
+    return joined([step.verdict ? outcomeWord(step.verdict) : t("step.done"), ...(warningsOf(step) ? [t("ready.warnings", { n: warningsOf(step) })] : [])]);
+  }
   return t(step.state === "begun" && job.state !== "running" ? "job.state.interrupted" : `step.${step.state}`);
 }
 
