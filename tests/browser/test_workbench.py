@@ -290,6 +290,33 @@ def test_a_zoom_by_keyboard_fetches_finer_data(page):
     words.filter(has_text="from 0.00 h").wait_for()
 
 
+ENDS = "() => document.querySelector('.wb-plot')._fullLayout.xaxis.range.slice()"
+
+
+def test_a_figure_that_is_dragged_stays_within_its_data(page):
+    choose(page)
+    page.locator(".wb-plot .main-svg").first.wait_for()
+    page.wait_for_function("document.querySelector('.wb-plot')._fullLayout?.xaxis.range")
+    first, last = page.evaluate(ENDS)
+    page.locator(".wb-plot").focus()
+    page.keyboard.press("+")
+    page.wait_for_url("**zoom=h*")
+    before = page.evaluate(ENDS)
+    box = page.locator(".wb-plot .nsewdrag").first.bounding_box()
+    left, right, y = box["x"] + 5, box["x"] + box["width"] - 5, box["y"] + box["height"] / 2
+    page.keyboard.down("Shift")  # moves instead of choosing a part
+    for begin, end in ((left, right), (right, left)):
+        for _ in range(2):
+            page.mouse.move(begin, y)
+            page.mouse.down()
+            page.mouse.move(end, y, steps=4)
+            page.mouse.up()
+            low, high = page.evaluate(ENDS)
+            assert first <= low < high <= last
+        assert [low, high] != before, "it was dragged"
+    page.keyboard.up("Shift")
+
+
 def test_a_range_of_temperature_on_the_free_axes_is_in_the_address_and_holds_in_other_figures(page):
     choose(page)
     page.get_by_role("tab", name="Free axes").click()

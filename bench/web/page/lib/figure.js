@@ -124,7 +124,9 @@ export class Drawn {
     const { data, layout } = recoloured(figure);
     const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
     await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
-    if (!this.zoom.xaxis) this.whole = this.place.layout.xaxis?.range;
+    if (!this.zoom.xaxis) this.whole = this.place.layout.xaxis?.range?.slice();
+    const [minallowed, maxallowed] = this.all ?? [];
+    for (const { xaxis } of [this.place.layout, this.place._fullLayout]) if (this.all && xaxis) Object.assign(xaxis, { minallowed, maxallowed }); // what is dragged stays there
     if (!this.listening) {
       this.place.on("plotly_hover", ({ points }) => this.tell("onPoint", points[0]));
       this.place.on("plotly_click", ({ points }) => this.tell("onPick", points[0]));
@@ -135,6 +137,11 @@ export class Drawn {
     }
     this.painted = figure;
     for (const name of this.waiting.splice(0)) this.key(name);
+  }
+
+  /** The range of x with all data, as far as it is known. */
+  get all() {
+    return this.figure.layout.meta?.whole ?? this.whole;
   }
 
   relayout(change) {
@@ -164,7 +171,7 @@ export class Drawn {
     if (!axis?.range) return false;
     if (name === "0" || name === "Home") return this.reset(), true;
     const { r2l: toNumber, l2r: fromNumber } = this.place._fullLayout.xaxis; // dates are texts in a range
-    const range = moved(name, axis.range.map(toNumber), (this.figure.layout.meta?.whole ?? this.whole)?.map(toNumber));
+    const range = moved(name, axis.range.map(toNumber), this.all?.map(toNumber));
     if (!range) return this.reset(), true;
     Plotly.relayout(this.place, { "xaxis.range": range.map(fromNumber), "xaxis.autorange": false });
     return true;
