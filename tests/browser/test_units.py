@@ -158,6 +158,22 @@ def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.get_by_role("heading", name="L0-0020").wait_for()
 
 
+def test_every_point_of_a_chart_is_reached_by_keyboard_with_its_unit_value_and_day(page):
+    page.goto("/fleet?q=L")
+    page.get_by_role("group", name="Angle random walk of 48 units").wait_for()
+    points = page.locator("details", has_text="48 points").first
+    points.locator("summary").press("Enter")
+    row = points.get_by_role("row").filter(has_text="L0-0005")
+    assert re.search(r"L0-0005 · .* · 2026-\d\d-\d\d UTC\s+\S*\d", row.inner_text())
+    row.get_by_role("link").press("Enter")
+    page.wait_for_url("**/verdict/L0-0005/**")
+    page.goto(f"/units/{UNIT}")
+    page.locator(".main-svg").first.wait_for()
+    trend = page.locator("#trends ~ * details").first
+    trend.locator("summary").press("Enter")
+    assert re.search(r"2026.*\s+\S*\d", trend.get_by_role("row").nth(1).inner_text())
+
+
 def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chosen(page):
     passed = np.arange(48) % 9 > 0
     chart = {"name": "yield", "figure": yields(np.arange(48) * 1e5, passed), "histogram": None, "units": [], "runs": [],

@@ -9,7 +9,7 @@ import { may } from "../lib/store.js";
 import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
 import { asGiven, day, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { NoRegistry, Tile, useGet } from "./stock/parts.js";
+import { NoRegistry, Points, Tile, useGet } from "./stock/parts.js";
 import { Going, useAct } from "./run.js";
 import { outcomeWord } from "./verdict/judged.js";
 import { offered } from "./workbench/offered.js";
@@ -94,6 +94,7 @@ function Control({ name, params, anchor }) {
     <${Trouble} error=${error} retry=${again} />
     ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${HEIGHTS[name] ?? 460} onPick=${data.runs.length > 0 && pick} />` : !error && html`<${Busy} />`}
     ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
+    ${data?.units.length > 0 && html`<${Points} rows=${data.figure.data[0].x.map((x, i) => [data.runs[Math.round(x) - 1], data.figure.data[0].text?.[i], data.figure.data[0].y[i]])} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
       <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}${sign(": ")}${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}

@@ -8,7 +8,7 @@ import { asGiven, day, duration, effectWord, moment, number, quantityWord, sig, 
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
-import { Outcome, Spark, Tile, useFirst, useGet, Verdict } from "./stock/parts.js";
+import { Outcome, Spark, Tile, useFirst, useGet, Verdict, Points } from "./stock/parts.js";
 
 /** Runs, calibrations and points of a trend that are asked for at first. */
 const MOST = 100;
@@ -91,7 +91,8 @@ function Trends({ unit }) {
       </tr>`)}</tbody></table></div>
     <div><h3>${quantityWord(one.name)}</h3>
       <${Trouble} error=${error} retry=${again} />
-      ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`${unit.serial} ${one.name}`} height=${330} />` : !error && html`<${Busy} />`}</div>
+      ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`${unit.serial} ${one.name}`} height=${330} />` : !error && html`<${Busy} />`}
+      <${Points} rows=${one.points.map(({ run, value }) => [run, runTitle(run), value])} /></div>
   </div>`;
 }
 

@@ -2,7 +2,7 @@
 import { html, useEffect, useState } from "../../lib/preact.js";
 import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
-import { or, t } from "../../lib/words.js";
+import { or, sig, t } from "../../lib/words.js";
 import { outcomeWord, toneOf } from "../verdict/judged.js";
 
 const AGAIN_MS = 5000;
@@ -88,3 +88,8 @@ export function NoRegistry({ build, busy, may }) {
     ${may && html`<button class="primary" disabled=${busy} onClick=${build}>${t(busy ? "units.none.busy" : "units.none.build")}</button>`}
   </div>`;
 }
+
+/** Every point of a chart as a row, for keys and readers: [run, what it is, value]; its run opens. */
+export const Points = ({ rows }) => html`<details><summary>${t("units.points", { n: rows.length })}</summary>
+  <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.point")}</th><th scope="col" class="n">${t("verdict.head.value")}</th></tr></thead>
+  <tbody>${[...rows].reverse().map(([run, what, value]) => html`<tr key=${run}><th scope="row"><a href=${`/verdict/${run.split("/").map(encodeURIComponent).join("/")}`}>${what ?? run}</a></th><td class="n">${sig(value)}</td></tr>`)}</tbody></table></div></details>`;
