@@ -728,6 +728,7 @@ def test_operators_of_one_screen_name_themselves_by_their_badges_and_answer_for_
         page.get_by_text("If this is a badge, press “Leave the screen”").wait_for()
         page.keyboard.type(badges["Ivan"] + "\n")
         page.get_by_text("This is the badge or PIN of Ivan").wait_for()
+        assert page.locator("#serial").input_value() == ""  # nobody else shall read it
         left()
         assert page.get_by_text(badges["Olena"]).count() == 0
         page.context.close()

@@ -40,7 +40,7 @@ export function UnitQuestion({ stations, last, given, answer }) {
     setWrong(places.length || tooLong || single || own ? "" : serial.trim());
     if (place) answer({ units: [place.serial], station: place.station.id });
     else if (places.length) setAsked(places);
-    return undefined;
+    return own && !places.length;
   };
   useEffect(() => {
     if (stations && early) take(early);
@@ -89,7 +89,7 @@ function SerialField({ take }) {
   useTyping(() => field.current);
   const submit = (event) => {
     event.preventDefault();
-    if (field.current.value.trim()) take(field.current.value);
+    if (field.current.value.trim() && take(field.current.value)) field.current.value = ""; // nobody else shall read a badge
     field.current.select();
   };
   return html`<form class="serial" onSubmit=${submit}>
