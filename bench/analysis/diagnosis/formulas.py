@@ -110,7 +110,7 @@ class FormulaSearch:
             for index in dict.fromkeys(leaders)
         ]
         found = shared(tasks[:_GROWN], self._workers)
-        if not max(rough.max(), *(one.evidence for one in found)) > near - _NEAR:
+        if not max([rough.max(), *(one.evidence for one in found)]) > near - _NEAR:
             return ()
         found += shared(tasks[_GROWN:], self._workers)
         for one in tuple(found):  # what a memory that is too short to tell stands for was crowded out by it
