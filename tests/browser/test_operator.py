@@ -724,10 +724,10 @@ def test_operators_of_one_screen_name_themselves_by_their_badges_and_answer_for_
         page.get_by_role("heading", name="Which unit?").wait_for()
         page.go_back()
         page.get_by_role("heading", name="Which unit?").wait_for()
-        page.keyboard.type(badges["Olena"] + "\n")  # while Ivan is named
-        page.get_by_text("If this is a badge, press “Leave the screen”").wait_for()
-        page.keyboard.type(badges["Ivan"] + "\n")
-        page.get_by_text("This is the badge or PIN of Ivan").wait_for()
+        told = {"Olena": "If this is a badge, press “Leave the screen”", "Ivan": "This is the badge or PIN of Ivan"}
+        for name, words in told.items():  # while Ivan is named
+            page.keyboard.type(badges[name] + "\n")
+            page.get_by_text(words).wait_for()
         assert page.locator("#serial").input_value() == ""  # nobody else shall read it
         left()
         assert page.get_by_text(badges["Olena"]).count() == 0
