@@ -290,11 +290,8 @@ class Grammar:
         moved = tuple((turns * period / hours, period) for turns in _TURNS for (period,) in grid)
         drifting = Block("sin(2*pi*(temperature + {drift} * time/3600)/{period_degc})",
                          "a sine over temperature that drifts with time", "", moving, moved)  # fmt: skip
-        found = [
-            Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid),
-            inner,
-            drifting,
-        ]
+        plain = Block("sin(2*pi*temperature/{period_degc})", "a sine over temperature", "", bounds, grid)
+        found = [plain, inner, drifting]
         for name in self.ranges.moved:
             low, high = self.ranges.of(name)
             periods = tuple((float((high - low) / turns),) for turns in np.linspace(1.0, 8.0, 15))

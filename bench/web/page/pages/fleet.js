@@ -9,7 +9,7 @@ import { may } from "../lib/store.js";
 import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
 import { asGiven, day, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
-import { NoRegistry, Points, Tile, useGet } from "./stock/parts.js";
+import { NoRegistry, Points, Tile, useGet, verdictPlace } from "./stock/parts.js";
 import { Going, useAct } from "./run.js";
 import { outcomeWord } from "./verdict/judged.js";
 import { offered } from "./workbench/offered.js";
@@ -86,7 +86,8 @@ const HEIGHTS = { distances: 400, [YIELD]: 300 };
 
 function Control({ name, params, anchor }) {
   const { data, error, again } = useGet(url`/fleet/charts/${name}` + query(params));
-  const pick = (x) => data && navigate(`/verdict/${data.runs[Math.round(x) - 1].split("/").map(encodeURIComponent).join("/")}`);
+  const runAt = (x) => data.runs[Math.round(x) - 1];
+  const pick = (x) => data && navigate(verdictPlace(runAt(x)));
   const distances = name === "distances";
   const title = distances ? t("fleet.distances") : name === YIELD ? t("fleet.over_time") : quantityWord(name);
   const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : name === YIELD ? t("fleet.over_time_words", { n: data.all }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
@@ -94,7 +95,7 @@ function Control({ name, params, anchor }) {
     <${Trouble} error=${error} retry=${again} />
     ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${HEIGHTS[name] ?? 460} onPick=${data.runs.length > 0 && pick} />` : !error && html`<${Busy} />`}
     ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
-    ${data?.units.length > 0 && html`<${Points} rows=${data.figure.data[0].x.map((x, i) => [data.runs[Math.round(x) - 1], data.figure.data[0].text?.[i], data.figure.data[0].y[i]])} />`}
+    ${data?.units.length > 0 && html`<${Points} rows=${data.figure.data[0].x.map((x, i) => [runAt(x), data.figure.data[0].text?.[i], data.figure.data[0].y[i]])} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
       <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}${sign(": ")}${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}

@@ -8,7 +8,7 @@ import { asGiven, day, duration, effectWord, moment, number, quantityWord, sig, 
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
-import { Outcome, Spark, Tile, useFirst, useGet, Verdict, Points } from "./stock/parts.js";
+import { Outcome, Points, Spark, Tile, useFirst, useGet, Verdict } from "./stock/parts.js";
 
 /** Runs, calibrations and points of a trend that are asked for at first. */
 const MOST = 100;

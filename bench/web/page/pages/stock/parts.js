@@ -89,7 +89,10 @@ export function NoRegistry({ build, busy, may }) {
   </div>`;
 }
 
+/** Where the verdict of a run is. */
+export const verdictPlace = (run) => `/verdict/${run.split("/").map(encodeURIComponent).join("/")}`;
+
 /** Every point of a chart as a row, for keys and readers: [run, what it is, value]; its run opens. */
 export const Points = ({ rows }) => html`<details><summary>${t("units.points", { n: rows.length })}</summary>
   <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.point")}</th><th scope="col" class="n">${t("verdict.head.value")}</th></tr></thead>
-  <tbody>${[...rows].reverse().map(([run, what, value]) => html`<tr key=${run}><th scope="row"><a href=${`/verdict/${run.split("/").map(encodeURIComponent).join("/")}`}>${what ?? run}</a></th><td class="n">${sig(value)}</td></tr>`)}</tbody></table></div></details>`;
+  <tbody>${[...rows].reverse().map(([run, what, value]) => html`<tr key=${run}><th scope="row"><a href=${verdictPlace(run)}>${what ?? run}</a></th><td class="n">${sig(value)}</td></tr>`)}</tbody></table></div></details>`;
