@@ -35,6 +35,8 @@ from .errors import BenchError as BenchError
 from .errors import CentreError as CentreError
 from .errors import EquipmentError as EquipmentError
 from .errors import InputError as InputError
+from .errors import LeftRunError as LeftRunError
+from .errors import NotResumableError as NotResumableError
 from .errors import RunAborted as RunAborted
 from .ids import is_run_id as is_run_id
 from .language import in_own as in_own

@@ -2,6 +2,8 @@
 
 BenchError                  anything the bench refuses or cannot do; its text is one line for the user
 ├── InputError              the user's file, value or command is wrong                  exit 2
+│   ├── NotResumableError   a run has nothing that can be gone on with: repeat it
+│   └── LeftRunError        this unit's part ended before the run did: it needs one of its own
 ├── RunAborted              operator or guard ended the run, safe state reached         exit 3
 ├── EquipmentError          equipment failed, safe state reached or loudly not          exit 4
 └── CentreError             the centre is not reached, refuses, or lacks a file          exit 4
@@ -28,6 +30,14 @@ class InputError(BenchError):
         super().__init__(f"{where}{text}")
         self.file = file
         self.line = line
+
+
+class NotResumableError(InputError):
+    """A run went to its end, or was killed before it recorded anything that can be gone on with."""
+
+
+class LeftRunError(InputError):
+    """A run went on without this unit, so that its part cannot be resumed alone."""
 
 
 class RunAborted(BenchError):  # noqa: N818 - an abort is an outcome, not an error of the bench

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench import acquisition, analysis, deliver, record
-from bench.base import BenchError, InputError, counted, user_name
+from bench.base import BenchError, InputError, NotResumableError, counted, user_name
 from bench.commands.clocks import tell_ahead
 from bench.commands.files import tell_unproven, write
 from bench.commands.results.analyse import (
@@ -103,7 +103,7 @@ def recover(path: Path) -> RunFolder:
             (path / LIVE).unlink(missing_ok=True)
             clear_partial(path)
     elif folder.journal.is_dir() and not (path / MANIFEST).exists():
-        raise InputError("nothing was recorded before the bench was killed; start the run anew", path)
+        raise NotResumableError("nothing was recorded before the bench was killed; start the run anew", path)
     run = open_run(path)
     tell_unproven(path)
     return run

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bench import acquisition
-from bench.base import Document, InputError, load_config, read_yaml
+from bench.base import Document, InputError, NotResumableError, load_config, read_yaml
 from bench.commands.acquisition import carry_out, station_of
 from bench.commands.analysis import kept_models
 from bench.commands.several import report_on_units
@@ -28,14 +28,14 @@ def go_on(run: RunFolder, station: Path | None, quiet: bool) -> Reported | Units
 
 
 def continued(run: RunFolder, station: Path | Document | None, quiet: bool) -> acquisition.RunResult:
-    """Append what is left of a recovered run as a new part; InputError when there is nothing to go on with."""
+    """Append what is left of a recovered run as a new part; NotResumableError when there is nothing to go on with."""
     return carry_out(_rest(run, station), quiet)
 
 
 def _rest(run: RunFolder, given: Path | Document | None) -> acquisition.Job:
-    """What is left to do; InputError when there is nothing to go on with."""
+    """What is left to do; NotResumableError when there is nothing to go on with."""
     if not any(run.journal.glob("*.gtbj")):
-        raise InputError("this run has no journals (it was imported): nothing to resume", run.path)
+        raise NotResumableError("this run has no journals (it was imported): nothing to resume", run.path)
     use(run.path, "profile.yaml", "station.yaml")
     profile_file = read_yaml(run.path / "profile.yaml")
     station_file = given if isinstance(given, Document) else read_yaml(given or run.path / "station.yaml")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.acquisition.recording.recorder import BENCH_JOURNAL, INSTRUMENT, READING
-from bench.base import InputError
+from bench.base import InputError, NotResumableError
 from bench.record import (
     MANIFEST,
     Begun,
@@ -105,7 +105,7 @@ class BenchJournal:
 
 
 def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
-    """Meta, events and readings; InputError when the journal is missing or holds no meta block."""
+    """Meta, events and readings; NotResumableError when the journal is missing or holds no meta block."""
     path = run.journal / BENCH_JOURNAL
     meta: Begun | None = None
     events: list[dict[str, Any]] = []
@@ -125,7 +125,7 @@ def read_bench(run: RunFolder, damage: Damage) -> BenchJournal:
             elif block.kind is Kind.INSTRUMENT:
                 measured.append(block.payload)
     if meta is None:
-        raise InputError("not a run folder: no manifest and no readable journal", run.path)
+        raise NotResumableError("not a run folder: no manifest and no readable journal", run.path)
     fetch(run, meta, Path(WATCHDOG))
     readings, table = np.frombuffer(b"".join(rows), READING), np.frombuffer(b"".join(turned), TABLE)
     instruments = np.frombuffer(b"".join(measured), INSTRUMENT)

@@ -23,7 +23,7 @@ from bench.acquisition.recording.assemble import assemble
 from bench.acquisition.recording.journals import BenchJournal, read_bench
 from bench.acquisition.station.settings.station import StationSettings
 from bench.acquisition.station.settings.unit import UnitSettings
-from bench.base import THERMOMETERS, InputError, finite
+from bench.base import THERMOMETERS, InputError, LeftRunError, NotResumableError, finite
 from bench.record import LAYOUT, MANIFEST, ExecutedSegment, RunFolder, open_run
 from drivers.chamber import ChamberReading
 from drivers.journal import Damage
@@ -114,14 +114,15 @@ class Continuation:
 
 
 def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continuation:
-    """How to go on with the run in a folder; InputError when there is nothing to go on with, or nothing yet."""
+    """How to go on with the run in a folder; NotResumableError or LeftRunError where nothing is left of it."""
     journals = _journals(run)
     last = journals[-1]
     end = last.end()
     if end is not None and end["state"] == "done":
-        raise InputError("this run went to its end: nothing to resume; `bench report` analyses it again", run.path)
+        text = "this run went to its end: nothing to resume; `bench report` analyses it again"
+        raise NotResumableError(text, run.path)
     if end is not None and "sound_until_s" in end:
-        raise InputError(f"this unit left the run ({end['text']}); resume that of a unit that stayed", run.path)
+        raise LeftRunError(f"this unit left the run ({end['text']}); resume that of a unit that stayed", run.path)
     _refuse_busy_watchdog(run, last)
     folders = [run, *_companions(run, last)]
     ended_s = max((_last_s(journal) for journal in journals), default=0.0)
@@ -131,7 +132,7 @@ def plan(run: RunFolder, profile: Profile, station: StationSettings) -> Continua
     done = parts.segments(journals)
     legs = remaining(profile, done, round(min(max(here, low), high), 1))
     if not legs:
-        raise InputError(
+        raise NotResumableError(
             "all segments of its profile are done: nothing to resume; `bench report` analyses it", run.path
         )
     metas = [_journals(folder)[0].meta for folder in folders]
@@ -272,7 +273,7 @@ def _last_s(journal: BenchJournal) -> float:
 def _zero(journal: BenchJournal, path: Path) -> datetime:
     for event in journal.events:
         return datetime.fromisoformat(event["utc"]) - timedelta(seconds=float(event["t_s"]))
-    raise InputError("nothing was recorded before the bench was killed; start the run anew", path)
+    raise NotResumableError("nothing was recorded before the bench was killed; start the run anew", path)
 
 
 def _chamber(reading: ChamberReading) -> dict[str, Any]:

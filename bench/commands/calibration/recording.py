@@ -7,16 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench import acquisition
-from bench.base import BenchError, InputError, dump, read_yaml
+from bench.base import BenchError, InputError, LeftRunError, NotResumableError, dump, read_yaml
 from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
 from bench.commands.calibration.job import JOB_MARK, JobFile
 from bench.commands.calibration.order import Order
 from bench.commands.resuming import continued
 from bench.record import MANIFEST, RunFolder, slug
-
-_NOTHING_LEFT = "nothing to resume"
-_LEFT = "this unit left the run"
 
 
 class AgainError(Exception):
@@ -83,13 +80,10 @@ def _taken_up(order: Order, folder: Path, step: str) -> RunFolder | None:
         # The station as the run had it, with all units in their slots; what it names beside itself is beside the file.
         own = read_yaml(folder / "station.yaml")
         return _whole(order, continued(run, replace(own, file=order.station_file().file), order.quiet))
-    except InputError as error:
-        if _LEFT in str(error):
-            raise AgainError(step, str(error)) from error
-        # Killed before anything was recorded, or after the last segment: there is nothing to go on with.
-        if _NOTHING_LEFT in str(error) or "no readable journal" in str(error) or "start the run anew" in str(error):
-            return None
-        raise
+    except LeftRunError as error:
+        raise AgainError(step, str(error)) from error
+    except NotResumableError:  # killed before anything was recorded, or after the last segment
+        return None
 
 
 def _whole(order: Order, result: acquisition.RunResult) -> RunFolder:
