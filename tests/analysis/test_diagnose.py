@@ -12,13 +12,13 @@ from bench.acquisition.profile.profile import profile_from_text
 from bench.analysis.diagnosis import describing
 from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.decision import decide
-from bench.analysis.diagnosis.describing import Describer, Description
+from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.diagnosis.probes import Finding
-from bench.analysis.diagnosis.proof import LeftOut, Proof
+from bench.analysis.diagnosis.proof import LeftOut
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.still import Still
@@ -190,16 +190,6 @@ def test_an_effect_follows_what_is_found_beside_it(still):
     way = NoiseLattice(beside.problem.records(), INTERVAL_S).white()[0]
     assert beside.settled(way, 1).theta == pytest.approx([1.0], rel=0.1)
     assert beside.settled(way, 0).theta == pytest.approx([2.4])
-
-
-@pytest.mark.parametrize(("evidence", "kept"), [(-1.0, 0), (4.0, 1)])
-def test_a_formula_that_only_the_check_run_speaks_for_has_to_lower_the_error_there(still, evidence, kept):
-    case = _Case.of((hidden_run(profile="short", seed=1),), SPLINE, still, FEW, None)
-    one = SimpleNamespace(proof=Proof("check", 0.100, 0.105, -0.5), borne=14.0, evidence=evidence)
-    describer = SimpleNamespace(floor_dph=0.1, describe=lambda *_: Description((one,)))
-    explained = SimpleNamespace(word="adequate", steps=())
-    found, _ = case._formulas(explained, Unseen(0.1, 0.1), describer, proved=False)
-    assert len(found) == kept
 
 
 @pytest.mark.parametrize("more", [False, True])

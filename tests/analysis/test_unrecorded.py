@@ -12,7 +12,7 @@ from scipy.stats import norm
 
 from bench.analysis.diagnosis.decision import decide, explains
 from bench.analysis.diagnosis.describing import _doubted
-from bench.analysis.diagnosis.diagnose import _Case, _of_check, diagnose, proved_first
+from bench.analysis.diagnosis.diagnose import _of_check, borne_out, diagnose, proved_first
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.sentences import sentence
@@ -209,21 +209,27 @@ def test_a_jump_that_something_else_explains_as_well_is_not_proved_by_legs_of_th
     assert ("only another run can tell it from supply_voltage" in answer.sentence) is doubted
 
 
-@pytest.mark.parametrize(("after_dph", "deviations", "borne", "told"), [
-    (0.12, 5.0, 40.0, True), (0.128, 0.5, 40.0, True), (0.131, -0.5, 40.0, True),
-    (0.131, -0.5, 0.0, False), (0.17, -4.0, 40.0, False), (np.nan, np.nan, 0.0, True),
+@pytest.mark.parametrize(("after_dph", "deviations", "borne", "evidence", "told"), [
+    (0.12, 5.0, 40.0, 1.0, True), (0.128, 0.5, 40.0, 1.0, True), (0.131, -0.5, 40.0, 1.0, True),
+    (0.131, -0.5, 0.0, 1.0, False), (0.131, -0.5, 40.0, -1.0, False), (0.17, -4.0, 40.0, 1.0, False),
+    (np.nan, np.nan, 0.0, 20.0, True),
 ])  # fmt: skip
 def test_a_formula_that_check_runs_bear_by_their_evidence_is_told_unless_their_error_rises(
-    after_dph, deviations, borne, told
+    after_dph, deviations, borne, evidence, told
 ):
     """Slow noise of a check run moves its error as much as a small effect does; it does not move the evidence."""
-    formula = SimpleNamespace(proof=Proof("check", 0.13, after_dph, deviations), borne=borne, evidence=1.0)
-    case = SimpleNamespace(layout=SimpleNamespace(resolution=SimpleNamespace(words=str)))
-    found = SimpleNamespace(formulas=(formula,), replaces=True)
-    describer = SimpleNamespace(floor_dph=0.1, describe=lambda *_: found)
-    unknown, improved = SimpleNamespace(word="unknown_effect", steps=()), SimpleNamespace(shape_dph=0.2, rms_dph=0.2)
-    kept, replaces = _Case._formulas(case, unknown, improved, describer, proved=False)
-    assert (kept == (formula,), replaces) == (told, told)
+    proof = Proof("check", 0.13, after_dph, deviations)
+    assert borne_out(SimpleNamespace(proof=proof, borne=borne, evidence=evidence, caution="")) is told
+
+
+@pytest.mark.parametrize(("proof", "told"), [
+    (Proof(reason="a single part of the run determines it"), False), (Proof("legs", 1.6, 1.1, 12.0, doubt="no"), False),
+    (Proof("legs", 1.6, 1.1, 12.0), True),
+])  # fmt: skip
+def test_a_formula_that_cancels_the_model_or_shows_in_one_half_of_the_run_is_told_where_it_is_proved(proof, told):
+    """Of a real loop, a product of five factors was the first answer, larger than the bias itself and not judged."""
+    one = SimpleNamespace(proof=proof, borne=0.0, evidence=74.0, caution="it cancels a part of the model")
+    assert borne_out(one) is told
 
 
 @pytest.mark.parametrize(("borne", "first"), [(66.0, "best"), (49.0, "proved")])

@@ -261,9 +261,7 @@ class _Case:
         """What the catalogue does not hold; where its effects bring the error down to the noise, and that is known well
         enough to tell, only what explains more than they do.
 
-        Only what unseen data bear, or do not judge, or of which the fitted runs have evidence and that of check runs is
-        strong while their error, which their slow noise moves, does not rise beyond chance; and whether the best
-        explains more than the effects.
+        Only what is `borne_out`, and whether the best explains more than the effects.
         """
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         known = not bound_only(describer.floor_dph, improved.rms_dph)
@@ -271,12 +269,7 @@ class _Case:
         if not explained.steps and self.layout.resolution.words():  # steps look like many things
             return (), False
         found = describer.better(self.layout, explained) if enough else describer.describe(self.layout, explained)
-        kept = tuple(
-            one
-            for one in found.formulas
-            if one.proof.falls is not False
-            or (one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS)
-        )
+        kept = tuple(one for one in found.formulas if borne_out(one))
         return proved_first(kept), bool(kept) and found.replaces and kept[0] is found.formulas[0]
 
     def _where(self, explained: Explanation, base: Unseen, floor_dph: float) -> tuple[Place, ...]:
@@ -320,6 +313,15 @@ class _Case:
             at = {} if moved else dict(zip(names, limit.theta, strict=False))
             listed.append(Detectable(effect.name, limit.rms_dph, amplitude, unit, at))
         return tuple(listed)
+
+
+def borne_out(one: DescribedFormula) -> bool:
+    """Whether a formula is told: unseen data prove it, or do not contradict it while nothing else speaks against it, or
+    the fitted runs have evidence of it and that of check runs is strong, while their error, which their slow noise
+    moves, does not rise beyond chance.
+    """
+    strong = one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS
+    return bool(one.proof.proved) or (one.proof.falls is not False and not one.caution) or strong
 
 
 def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormula, ...]:
