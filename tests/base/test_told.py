@@ -144,10 +144,12 @@ SAMPLES = [
      "`certificate: false` calibrates without one", "uk",
      "plans/quick.yaml: без сертифіката: немає обладнання; заповніть сторінку «Лабораторія й обладнання» або назвіть "
      "файл у плані чи у файлі стенда (`equipment:`); план із `certificate: false` калібрує без сертифіката"),
-    ("plans/own.yaml: model 'mine': expression: cannot be delivered: a user-defined formula cannot be represented in "
-     "the image; leave it out of the delivered model; models that a unit can hold: spline, лінія", "uk",
-     "plans/own.yaml: модель «mine»: expression: не можна записати у виріб: образ пам’яті виробу не вміщує формул "
-     "користувача; вилучіть це з моделі, яку записують; моделі, які виріб може вмістити: spline, лінія"),
+    ("plans/own.yaml: model 'mine': expression: cannot be delivered: a unit evaluates terms of one or two of "
+     "temperature, drive, each at one moment, and 'lag(drive, 60)' needs drive, lag; leave it out of the delivered "
+     "model; models that a unit can hold: spline, лінія", "uk",
+     "plans/own.yaml: модель «mine»: expression: не можна записати у виріб: виріб обчислює доданки з однієї чи двох "
+     "величин тієї самої миті (можливі: температура, амплітуда збудження), а доданок «lag(drive, 60)» потребує: "
+     "амплітуда збудження, lag; вилучіть це з моделі, яку записують; моделі, які виріб може вмістити: spline, лінія"),
     ("channel 'applied_rate' [deg/s] is missing; the run has rate, temperature", "uk",
      "немає каналу «applied_rate» [°/с]; прогін має: вихід гіроскопа, температура"),
     ("brief.yaml: longest soak is 10 min: the noise floor is read where the unit stands still for 5 min, which takes a "

@@ -393,7 +393,7 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
     page.get_by_text("Saved as mine; commands know it by --model mine").wait_for()
-    page.get_by_text("a user-defined formula cannot be represented in the image").wait_for()
+    page.get_by_text("“time” needs time").or_(page.get_by_text("'time' needs time")).wait_for()
     assert "polynomial" in page.locator(".wb-save .wb-warn").inner_text(), "a model that a unit can hold"
     page.get_by_label("Save as model").fill("моя модель")
     page.get_by_label("Save as model").press("Enter")

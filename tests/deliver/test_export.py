@@ -58,6 +58,11 @@ MODELS = {
     "filtered slope": ("polynomial", ("temperature_rate", {"filter_s": 60.0, "temperature_slope": True})),
     "channels": ("polynomial", "quadrature_leakage", "drive_amplitude", "resonance_frequency"),
     "kink": ("polynomial", "bias_kink"),
+    "formulas": (
+        "polynomial",
+        ("expression", {"formula": "k * sin(2*pi*temperature/9) + k_cos * cos(2*pi*temperature/9)"}),
+        ("expression", {"formula": "k * quadrature * temperature**2 + a * above(drive)"}),
+    ),
     "thermometer": (("spline", {"intervals": 8}), ("resonance_frequency", {"use": "thermometer"})),
 }
 
@@ -145,7 +150,11 @@ def test_effects_over_the_table_are_delivered_over_the_units_own_output():
         (make("aging"), "time since the start of the run"),
         (make("hysteresis", {"shape": "bouc_wen"}), "shape play"),
         (make("temperature_rate"), "filter_s"),
-        (make("expression", {"formula": "k * temperature * quadrature"}), "cannot be represented in the image"),
+        (make("expression", {"formula": "k * dT_dt * quadrature"}), "'dT_dt \\* quadrature' needs quadrature, dT_dt;"),
+        (make("expression", {"formula": "k * lag(drive, 60)"}), "'lag\\(drive, 60\\)' needs drive, lag;"),
+        (make("expression", {"formula": "k * drive * quadrature * frequency"}), "needs frequency, drive, quadrature;"),
+        (make("expression", {"formula": "k * sign(temperature - 20.3)"}), "change too fast"),
+        (make("expression", {"formula": "k * quadrature * sin(temperature)"}), "change too fast"),
     ],
 )
 def test_an_effect_that_no_unit_can_evaluate_is_refused_with_what_to_do(effect, why):

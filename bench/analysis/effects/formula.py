@@ -107,6 +107,12 @@ class Formula:
     def _follows_rate(self) -> bool:
         return any(names_of(factor) & {"dT_dt", "direction"} for factor in self.factors)
 
+    def read_by(self, factor: ast.expr) -> tuple[str, ...]:
+        """What a factor reads: channels, and what is no value of one moment (time, its slopes, functions with memory)."""
+        names = names_of(factor)
+        known = (*variables(), *(name for name in _MEMORY if name != "dead_zone"))
+        return tuple(name for name in known if name in names)
+
     def columns(self, record: Dataset, theta: Mapping[str, float]) -> FloatArray:
         """Factors (n, k) of the whole record, NaN in gaps; InputError where one has no value in a row without a gap."""
         data = {**data_of(record, self.needs, follows_rate=self._follows_rate), **theta}

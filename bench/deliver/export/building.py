@@ -18,11 +18,16 @@ from bench.analysis import Effect, Fit, Model, Theta, load_model, model_files, o
 from bench.base import DPH_PER_DPS, BenchError, FloatArray, InputError
 from bench.deliver.export import chebyshev
 from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
+from bench.deliver.export.exact import value_of
 from bench.deliver.export.inverse import over_output, static_over
 from bench.deliver.export.parts import Part, channels_of, parts_of
 from bench.deliver.export.signals import box_of, channel_signal, lag_signal, parabola_signal, play_signal
 from bench.record import Dataset
 
+_SAME = 5e-3
+"""A block holds a formula that it follows to this share of the greatest value."""
+_LOOKED_AT = {Shape.SPLINE: 2003, Shape.SURFACE: 61}
+"""Points on each axis where that is looked at."""
 STATIC = {"polynomial", "regression", "spline", "surface"}
 
 
@@ -145,8 +150,10 @@ class _Builder:
 
     def _static(self, effect: Effect, theta: Theta, amplitudes: FloatArray, part: Part, first: bool) -> None:
         numbers = [self.signal(channel) for channel in part.channels]
+        if part.terms:
+            amplitudes = np.where(np.isin(np.arange(amplitudes.size), part.terms), amplitudes, 0.0)
         centres = {channel: 0.5 * sum(self.boxes[self.signal(channel)]) for channel in channels_of(effect)}
-        still = 0.0 if first else float(_value(effect, theta, amplitudes, centres)[0])
+        still = 0.0 if first or part.terms else float(_value(effect, theta, amplitudes, centres)[0])
 
         def value(*at: FloatArray) -> FloatArray:
             points = {**centres, **dict(zip(part.channels, at, strict=True))}
@@ -160,6 +167,25 @@ class _Builder:
         else:
             coefficients = chebyshev.series(value, *boxes[0], part.n)
         self._block(part.shape, numbers, part.n, coefficients)
+        if part.terms:
+            self._refuse_other(part, value)
+
+    def _refuse_other(self, part: Part, value: chebyshev.Curve) -> None:
+        """InputError where the last block is not what the terms of a formula are, also between its own points."""
+        numbers = [self.signal(channel) for channel in part.channels]
+        axis = np.linspace(-1.0, 1.0, _LOOKED_AT[part.shape])
+        z = np.zeros((len(self.signals), axis.size ** len(numbers)))
+        z[numbers] = [one.ravel() for one in np.meshgrid(*[axis] * len(numbers))]
+        boxes = [self.boxes[number] for number in numbers]
+        wanted = value(
+            *(0.5 * (low + high) + 0.5 * (high - low) * z[n] for n, (low, high) in zip(numbers, boxes, strict=True))
+        )
+        off = float(np.max(np.abs(DPH_PER_DPS * value_of(self.blocks[-1], z) - wanted)))
+        if off > _SAME * float(np.max(np.abs(wanted))):
+            raise InputError(
+                f"expression: cannot be delivered: the image is up to {off:.2g} deg/h from the terms of "
+                f"{', '.join(part.channels)}, which change too fast for it; leave it out of the delivered model"
+            )
 
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
         source = self.signal("temperature")

@@ -67,11 +67,12 @@ def corrections(delivery: Delivery, z: FloatArray) -> FloatArray:
     """Sum of the blocks (n,) [output unit] at signals (S, n)."""
     total = np.zeros(z.shape[1])
     for block in delivery.blocks:
-        total += _block(block, z)
+        total += value_of(block, z)
     return total
 
 
-def _block(block: Block, z: FloatArray) -> FloatArray:
+def value_of(block: Block, z: FloatArray) -> FloatArray:
+    """One block (n,) [output unit] at signals (S, n)."""
     if block.shape is Shape.SURFACE:
         return evaluate_surface(block.coefficients, z[block.a], z[block.b])
     if block.shape is Shape.SERIES:

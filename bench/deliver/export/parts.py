@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
+import ast
 from dataclasses import dataclass
 
-from bench.analysis import Effect
+from bench.analysis import Effect, Expression
 from bench.base import InputError
-from bench.deliver.export.delivery import Shape
+from bench.deliver.export.delivery import INPUTS, MOST_ORDER, Shape
 
 _MOST_PIECES = 200
+_OF_A_MOMENT = tuple(name for name in INPUTS if name not in {"rate", "acceleration"})
+"""Channels that a unit has beside its output."""
 _REASONS = {
     "aging": "it depends on the time since the start of the run, which a unit does not have",
     "warm_up": "it depends on the time since power-on in one run",
     "bias_jump": "it occurred once in one run",
     "compressor": "it is caused by the chamber's compressor, not by the unit",
     "frost": "it is caused by humidity, not by the unit; dry the chamber instead",
-    "expression": "a user-defined formula cannot be represented in the image",
 }
 
 
 @dataclass(frozen=True)
 class Part:
-    """One block over one or two channels; `n` is its order, or its number of pieces."""
+    """One block over one or two channels; `n` is its order, or its number of pieces.
+
+    `terms` are the amplitudes of a formula that it holds; empty: the block is a part of the whole effect.
+    """
 
     shape: Shape
     channels: tuple[str, ...]
     n: int
+    terms: tuple[int, ...] = ()
 
 
 def channels_of(effect: Effect) -> tuple[str, ...]:
@@ -37,6 +43,8 @@ def channels_of(effect: Effect) -> tuple[str, ...]:
 
 def parts_of(effect: Effect) -> tuple[Part, ...]:
     """Blocks whose sum is the effect; InputError for an effect without such blocks."""
+    if isinstance(effect, Expression):
+        return _of_formula(effect)
     order, temperature = int(getattr(effect, "order", 0)), ("temperature",)
     forms: dict[str, tuple[Part, ...]] = {
         "polynomial": (Part(Shape.SERIES, temperature, order),),
@@ -55,3 +63,19 @@ def parts_of(effect: Effect) -> tuple[Part, ...]:
         reason = _REASONS.get(effect.name, "a user-defined effect cannot be represented in the image")
         raise InputError(f"{effect.name}: cannot be delivered: {reason}; leave it out of the delivered model")
     return forms[effect.name]
+
+
+def _of_formula(effect: Expression) -> tuple[Part, ...]:
+    """A block for the terms of the same channels; InputError for a term that needs more than one moment of two."""
+    terms: dict[tuple[str, ...], list[int]] = {}
+    for i, factor in enumerate(effect.parsed.factors):
+        read = effect.parsed.read_by(factor)
+        if len(read) > 2 or not set(read) <= set(_OF_A_MOMENT):
+            raise InputError(
+                f"expression: cannot be delivered: a unit evaluates terms of one or two of {', '.join(_OF_A_MOMENT)}, "
+                f"each at one moment, and '{ast.unparse(factor)}' needs {', '.join(read)}; leave it out of the "
+                "delivered model"
+            )
+        terms.setdefault(read, []).append(i)
+    forms = {1: (Shape.SPLINE, _MOST_PIECES), 2: (Shape.SURFACE, MOST_ORDER)}
+    return tuple(Part(forms[len(read)][0], read, forms[len(read)][1], tuple(own)) for read, own in terms.items())
