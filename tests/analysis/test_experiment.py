@@ -1,6 +1,7 @@
 """The next experiment: what it predicts, that the profile can be run, and that it decides what one ramp cannot."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -296,3 +297,9 @@ def test_a_run_that_says_nothing_of_the_chamber_gets_no_experiment_and_no_error(
     assert next_experiment(found, [still]) is None
     assert next_experiment(found, [run]) is not None
     assert next_experiment(replace(found, verdict="adequate"), [run]) is None
+
+
+def test_a_suspect_that_takes_the_place_of_the_whole_model_leaves_nothing_to_predict_a_run_with():
+    suspect = SimpleNamespace(effect="spline", look_alikes=("bias_kink",), model=MODEL)
+    answer = SimpleNamespace(leading=None, found=(suspect,), formulas=())
+    assert next_experiment(answer, [record("thermal_lag")]) is None

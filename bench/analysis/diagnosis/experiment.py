@@ -134,11 +134,11 @@ def next_experiment(
         except InputError:  # no temperature, or one that stands still: nothing says what the chamber can do
             return None
     tied = (open_.effect, *open_.look_alikes)
-    base = replace(open_.model, effects=open_.model.effects[:-1])
     with one_blas_thread():
         try:
+            base = replace(open_.model, effects=open_.model.effects[:-1])
             layout = _layout(base, (*runs, *check), static)
-        except InputError:  # these rows do not determine what was found before it: nothing can be predicted
+        except InputError:  # nothing was found before it, or these rows do not determine that: nothing can be predicted
             return None
         known = {effect.name: effect for effect in catalogued(base, runs)}
         formula = {best.formula: best.model.effects[-1] for best in diagnosis.formulas[:1]}
