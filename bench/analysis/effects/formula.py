@@ -108,7 +108,7 @@ class Formula:
         return any(names_of(factor) & {"dT_dt", "direction"} for factor in self.factors)
 
     def read_by(self, factor: ast.expr) -> tuple[str, ...]:
-        """What a factor reads: channels, and what is no value of one moment (time, its slopes, functions with memory)."""
+        """What a factor reads: channels, and what is of no one moment (time, slopes, what has a memory)."""
         names = names_of(factor)
         known = (*variables(), *(name for name in _MEMORY if name != "dead_zone"))
         return tuple(name for name in known if name in names)
