@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from bench.base import library
@@ -14,6 +15,8 @@ from bench.commands import STEP_NAMES, JobFile, Order
 from tests.browser.test_operator import press_tab_to
 from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
+from tests.support.commands import bench as command
+from tests.support.hidden_runs import HiddenUnit
 from tests.support.visiting import PATIENCE_MS, PHONE, TABLET, english, picture
 from tests.support.waiting import until
 
@@ -85,6 +88,43 @@ def choose(page, press, touch):
     press(page, plan)
 
 
+RIPPLE = (
+    "identity: 1, simulation: {truth: [{mechanism: static_bias, coefficients_dph: [4, 1.5, -2, -0.8, 0.9]}, "
+    "{mechanism: etalon, amplitude_dph: 3}]}"
+)
+
+
+def hidden_ripple(project, out):
+    """The unit of the bare station has interference over temperature, as a run that was imported from it shows."""
+    station = project / "profiles" / "stations" / "bare.yaml"
+    station.write_text(station.read_text().replace("identity: 1", RIPPLE))
+    run = HiddenUnit(({"mechanism": "etalon", "amplitude_dph": 3.0},), 1.0).run("short")
+    table = np.column_stack([run.time, run.channel("rate"), run.channel("temperature")])
+    log = project / "log.csv"
+    np.savetxt(log, table, "%.6f", ",", header="time_s,rate_dph,temperature_degc", comments="")
+    assert command("import", log, "--unit", "RIPPLED", "--out", out).exit_code == 0
+
+
+def take_the_formula(page):
+    """From the formula that the diagnosis offers to a calibration plan with it, by clicks; the name is typed."""
+    page.goto("/workbench?model=polynomial")
+    page.get_by_role("combobox", name="Find a run").fill("RIPPLED")
+    page.locator("[role=option]", has_text="RIPPLED").click()
+    page.locator(".wb-model select option:checked", has_text="polynomial").wait_for(state="attached")
+    page.get_by_role("button", name=re.compile(r"^Add k \* sin\(2\*pi\*temperature")).click()
+    page.locator(".wb-fell").wait_for()
+    page.get_by_label("Save as model").fill("інтерференція")
+    page.get_by_role("button", name="Save", exact=True).and_(page.locator(".wb-save button")).click()
+    picture(page, "workbench-formula-saved")
+    page.get_by_role("link", name="Name it in a calibration plan").click()
+    page.get_by_label("File", exact=True).select_option("brief")
+    text = page.get_by_label("Text of the file")
+    text.wait_for()
+    text.fill(text.input_value().replace("[polynomial]", "[інтерференція]"))
+    page.get_by_role("button", name="Save", exact=True).click()
+    page.get_by_role("status").get_by_text("Saved", exact=True).wait_for()
+
+
 def begin(page, touch):
     """From the start page to the calibration's run, by way of the forms that its certificate needs."""
     press = tap if touch else enter
@@ -110,7 +150,10 @@ def begin(page, touch):
 
 @pytest.mark.slow
 def test_a_new_gyro_goes_to_its_signed_certificate_by_keyboard_alone(bench, visitors, tmp_path):
+    """With a formula that the diagnosis of another unit offered, without which this one would fail."""
+    hidden_ripple(tmp_path / "project", bench.out)
     page = visitors.come(bench.site.address)
+    take_the_formula(page)
     begin(page, touch=False)
     picture(page, "calibration")
     printed = page.get_by_role("link", name="Print the certificate")

@@ -52,7 +52,7 @@ const MOST_MODELS = 12;
 /** Names that the server takes. */
 const NAME = /^[\p{L}\p{N}][\p{L}\p{N}._+-]{0,59}$/u;
 
-function Save({ model, onSaved }) {
+function Save({ model, runs, onSaved }) {
   const [given, setGiven] = useState("");
   const [message, setMessage] = useState(null);
   const save = async (event) => {
@@ -60,7 +60,7 @@ function Save({ model, onSaved }) {
     const name = given.trim().normalize("NFC"); // as the file is called
     if (!NAME.test(name)) return setMessage({ good: false, text: t("workbench.model.name_wrong") });
     try {
-      const { undeliverable } = await api.post("/models", { name, model: { ...model, name } });
+      const { undeliverable } = await api.post("/models", { name, model: { ...model, name }, runs });
       setMessage({ good: true, text: t("workbench.model.saved", { name }), undeliverable });
       onSaved();
     } catch (error) {
@@ -74,7 +74,8 @@ function Save({ model, onSaved }) {
       <input id="wb-model-name" type="text" value=${given} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setGiven(event.target.value)} />
       <button type="submit" class="narrow" disabled=${!given.trim()}>${t("workbench.model.save")}</button>
     </div>
-    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && (message.good ? `✓ ${message.text}` : html`✕ <${Said} text=${message.text} />`)}</p>
+    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && (message.good ? `✓ ${message.text}` : html`✕ <${Said} text=${message.text} />`)}
+      ${message?.undeliverable === "" && html`<br /><a href="/files?kind=plans">${t("workbench.model.plan")}</a>`}</p>
     ${message?.undeliverable && html`<p class="wb-warn" role="status">${t("workbench.model.undeliverable")} <${Said} text=${message.undeliverable} whole /></p>`}
   </form>`;
 }
@@ -125,7 +126,7 @@ export function ModelPanel({ models, model, fitted, steps, busy, act, runs }) {
         onClick=${() => act({ type: "remove", index: i })}>×</button>`}
     </li>`)}</ol>
     <${OwnTerm} busy=${busy} runs=${[...runs.runs, ...runs.check]} onAdd=${(effect) => act({ type: "add", effects: [effect] })} />
-    <${Save} model=${model} onSaved=${models.again} />
+    <${Save} model=${model} runs=${runs.runs} onSaved=${models.again} />
     <${Notebook} runs=${runs} steps=${steps} model=${model} />
   </section>`;
 }
