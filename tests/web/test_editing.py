@@ -3,7 +3,9 @@
 import pytest
 
 from bench.base import library
+from bench.commands.calibration import order
 from bench.web.ground.settings import Settings
+from bench.web.plans import catalog
 from tests.support import bench_project
 from tests.support.web_client import served
 from tests.web.test_actions import done
@@ -176,6 +178,18 @@ def test_a_plan_is_copied_gets_a_model_of_ones_own_and_is_checked_as_its_calibra
     monkeypatch.chdir(project)
     with served(Settings(tmp_path / "out", project=project)) as client:
         edit_a_plan(client, project)
+
+
+def test_a_plan_is_read_once_for_a_check(tmp_path, monkeypatch):
+    project = bench_project.made(tmp_path)
+    read = []
+    monkeypatch.setattr(order, "read_yaml", lambda path, known=order.read_yaml: (read.append(path), known(path))[1])
+    places = {"file": str(project / "profiles/plans/mine.yaml"), "project": str(project)}
+    text = (project / "profiles/plans/brief.yaml").read_text()
+    station = library() / "stations" / "simulated.yaml"
+    told = catalog.drafted({**places, "kind": "plans", "text": text, "station": str(station)})
+    assert told["ok"], told
+    assert len(read) == len({*read}) > 0
 
 
 def edit_a_plan(client, project):

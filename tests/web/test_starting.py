@@ -333,10 +333,51 @@ def test_what_the_start_would_refuse_is_no_good_check(settings, at):
 def test_a_run_that_has_no_room_on_the_disk_is_no_good_check(settings, monkeypatch):
     monkeypatch.setattr("bench.commands.acquisition.shutil.disk_usage", lambda _: SimpleNamespace(free=1))
     files = {"plan": library() / "quick.yaml", "station": library() / "stations" / "simulated.yaml", "limits": None}
-    found = catalog.rehearsed({**files, "units": [], "project": settings[0].project})
+    found = catalog.rehearsed({**files, "units": [], "models": {}, "project": settings[0].project})
     assert (found["ok"], found["findings"][0]["level"]) == (False, "error")
     answer = CliRunner().invoke(main, ["check", str(library() / "quick.yaml")])
     assert (answer.exit_code, "are free" in answer.stdout) == (1, True)
+
+
+PLAIN = """
+name: plain
+simulated: true
+chamber: {map: watlow_f4t, lowest_degc: -42, highest_degc: 95, heating_degc_per_min: 5, cooling_degc_per_min: 3}
+buses: {can0: {interface: blocks, channel: plain}}
+units:
+  - serial: PLAIN-1
+    bus: can0
+    signals:
+      rate: {id: 0x100, start: 0, length: 32, order: little, type: signed, scale: 1.0e-6, unit: deg/s, cycle_ms: 2}
+      temperature: {id: 0x100, start: 32, length: 16, order: little, type: signed, scale: 0.01, unit: degC}
+"""
+"""A unit that sends its rate and its temperature, and nothing else."""
+
+
+def test_a_model_that_a_unit_cannot_hold_is_told_before_the_run_which_may_begin(settings):
+    made, bearer = settings
+    (made.project / "profiles" / "stations" / "plain.yaml").write_text(PLAIN)
+    with served(made) as client:
+        client.headers.update(bearer["operator"])
+
+        def warned(*models, station):
+            asked = {"plan": "short", "station": station, "models": models}
+            answer = client.post("/api/v1/checks", json=asked)
+            assert answer.status_code == 202, answer.text
+            job = answer.json()["job"]
+            found = until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])
+            assert found["ok"], found
+            return [one["text"] for one in found["findings"] if "model '" in one["text"]]
+
+        assert warned("polynomial", "mems", station="simulated") == []
+        (memory,) = warned("polynomial", "expression", station="simulated")
+        assert memory.startswith("unit SIM-0001: model 'expression': expression: cannot be delivered: a unit evaluates")
+        assert memory.endswith("models that a unit can hold: mems, polynomial, regression, spline, spline_lag_loop")
+        (channel,) = warned("polynomial", "mems", station="plain")
+        assert channel == (
+            "unit PLAIN-1: model 'mems': quadrature_leakage: cannot be delivered: this unit has no channel quadrature; "
+            "leave it out of the delivered model; models that a unit can hold: polynomial, spline, spline_lag_loop"
+        )
 
 
 @pytest.mark.parametrize(

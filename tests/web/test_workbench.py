@@ -445,6 +445,11 @@ def test_who_saves_a_model_is_told_that_no_unit_can_hold_it_and_which_ones_a_uni
     assert {"polynomial", "spline"} <= {*named}
     assert not {"of_time", "expression", "scale_factor"} & {*named}
     assert client.post(f"{API}/models", json={"name": "held", "model": LOOP}).json()["undeliverable"] == ""
+    follows = {"name": "x", "effects": [*SPLINE["effects"], {"effect": "supply_voltage"}]}
+    for runs, said in (([], ""), ([RUN], "this unit has no channel supply")):
+        asked = {"name": "follows", "model": follows, "runs": runs}
+        told = client.post(f"{API}/models", json=asked).json()["undeliverable"]
+        assert (said in told, bool(said) == bool(told)) == (True, True), told
 
 
 def test_a_parameter_of_a_model_has_its_unit(client: httpx.Client) -> None:

@@ -12,6 +12,7 @@ certificate
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -70,9 +71,9 @@ class Check:
 def check_order(order: Order) -> list[str]:
     """Warnings about a plan for a unit on a station; InputError where it cannot be carried out."""
     plan = order.plan
-    limits = check_files(order)
     station = acquisition.station_of(order.station_file())
     unit = station.chosen([order.serial])[0]
+    limits = check_files(order, unit.channels)
     if unit.identity is None and not any(map(str.isdigit, order.serial)):
         raise InputError(f"unit '{order.serial}' has no number for its image; give its `identity`", order.station)
     warnings = check_papers(order, station)
@@ -97,11 +98,13 @@ def check_order(order: Order) -> list[str]:
     return warnings
 
 
-def check_files(order: Order) -> Limits:
-    """The limits of a plan; InputError where what it names cannot be used on any station."""
+def check_files(order: Order, channels: Collection[str] | None = None) -> Limits:
+    """The limits of a plan; InputError where what it names cannot be used on any station, or for a unit that has these
+    `channels`.
+    """
     order.refuse_same()
     for model in order.plan.models:
-        if why := deliver.undeliverable(order.load_model(model)):
+        if why := deliver.undeliverable(order.load_model(model), channels=channels):
             raise InputError(f"model '{model}': {why}", order.path)
     return load_limits(order.document(order.plan.limits))
 

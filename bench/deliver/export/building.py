@@ -7,7 +7,7 @@ range in which the unit evaluates it and expanded in Chebyshev polynomials, so t
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,17 @@ import numpy as np
 from bench.analysis import Effect, Fit, Model, Theta, load_model, model_files, options_of
 from bench.base import DPH_PER_DPS, BenchError, FloatArray, InputError
 from bench.deliver.export import chebyshev
-from bench.deliver.export.delivery import MOST_BLOCKS, MOST_ORDER, MOST_SIGNALS, Block, Delivery, Kind, Shape, Signal
+from bench.deliver.export.delivery import (
+    INPUTS,
+    MOST_BLOCKS,
+    MOST_ORDER,
+    MOST_SIGNALS,
+    Block,
+    Delivery,
+    Kind,
+    Shape,
+    Signal,
+)
 from bench.deliver.export.exact import value_of
 from bench.deliver.export.inverse import over_output, static_over
 from bench.deliver.export.parts import Part, channels_of, parts_of
@@ -51,11 +61,19 @@ def deliver(fit: Fit, datasets: Sequence[Dataset], sample_hz: float = 500.0) -> 
     return builder.finished()
 
 
-def refuse_undeliverable(model: Model, effects: Sequence[Effect] | None = None) -> None:
-    """InputError, one line, for a model (of which these `effects` are left) that no unit can evaluate, on any data."""
+def refuse_undeliverable(
+    model: Model, effects: Sequence[Effect] | None = None, channels: Collection[str] | None = None
+) -> None:
+    """InputError, one line, for a model (of which these `effects` are left) that no unit can evaluate, on any data.
+
+    `channels` are those of the unit that is to evaluate it; None: it has every one that a unit may have.
+    """
     if model.rows.startswith("soaks"):
         raise InputError(f"model '{model.name}' is a baseline fitted to soaks only; deliver one fitted to all rows")
     for effect in model.effects if effects is None else effects:
+        if lacking := [name for name in effect.needs if channels is not None and name in {*INPUTS} - {*channels}]:
+            why = f"this unit has no channel {', '.join(lacking)}"
+            raise InputError(f"{effect.name}: cannot be delivered: {why}; leave it out of the delivered model")
         if effect.moves_abscissa:
             if effect.name != "resonance_frequency" and (effect.name != "thermal_lag" or options_of(effect)):
                 raise InputError(
@@ -71,20 +89,22 @@ def refuse_undeliverable(model: Model, effects: Sequence[Effect] | None = None) 
             parts_of(effect)
 
 
-def undeliverable(model: Model, project: Path = Path()) -> str:
-    """Why no unit can evaluate a model, with the named models that one can at rest; empty where one can."""
+def undeliverable(model: Model, project: Path = Path(), channels: Collection[str] | None = None) -> str:
+    """Why no unit, or none with these `channels`, can evaluate a model, with the named models that one can at rest;
+    empty where one can.
+    """
     try:
-        refuse_undeliverable(model)
+        refuse_undeliverable(model, channels=channels)
     except InputError as error:
-        return f"{error}; models that a unit can hold: {', '.join(_deliverable(project))}"
+        return f"{error}; models that a unit can hold: {', '.join(_deliverable(project, channels)) or 'none'}"
     return ""
 
 
-def _deliverable(project: Path) -> Iterator[str]:
+def _deliverable(project: Path, channels: Collection[str] | None) -> Iterator[str]:
     for name, path in model_files(project).items():
         with contextlib.suppress(BenchError):  # who names a broken one is told why it cannot be read
             model = load_model(path)
-            refuse_undeliverable(model)
+            refuse_undeliverable(model, channels=channels)
             if not any("applied_rate" in effect.needs for effect in model.effects):
                 yield name
 

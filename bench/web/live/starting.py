@@ -20,15 +20,14 @@ from bench.web.live.subject import job_of
 from bench.web.people.access import Operator, named_by
 from bench.web.plans import catalog
 from bench.web.plans.catalog import Catalog, named
-from bench.web.plans.checking import Intended, Name
+from bench.web.plans.checking import Intended
 
 router = APIRouter(tags=["starting"])
 
 
 class Wanted(Intended):
-    """A run to start; models by name, in place of the defaults."""
+    """A run to start."""
 
-    models: list[Name] = Field(default=[], max_length=8)
     operator: str = Field(default="", max_length=80)
     """Who works at the bench, where nobody has to sign in."""
     queue: bool = False

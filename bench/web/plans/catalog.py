@@ -11,10 +11,20 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
-from bench.acquisition import Finding, Notifier, Profile, StationSettings, load_profile, taken_name, wire_findings
-from bench.analysis import Limits, effect_names, load_limits, model_files
+from bench.acquisition import (
+    Finding,
+    Notifier,
+    Profile,
+    StationSettings,
+    UnitSettings,
+    load_profile,
+    taken_name,
+    wire_findings,
+)
+from bench.analysis import Limits, Model, effect_names, load_limits, load_model, model_files
 from bench.base import BenchError, Document, InputError, library, load_config, nearest, parse_yaml
 from bench.commands import (
     JobFile,
@@ -32,6 +42,7 @@ from bench.commands import (
     station_of,
 )
 from bench.commands import Plan as CalibrationPlan
+from bench.deliver import undeliverable
 from bench.record import slug
 from bench.web.ground.problems import within
 from drivers.errors import DriverError
@@ -243,11 +254,17 @@ def rehearsed(wanted: Mapping[str, Any]) -> dict[str, Any]:
     """`bench check` of files `plan` and `station`, in a computing process; `ok` where nothing prevents the run."""
     profile, file = load_profile(Path(wanted["plan"])), station_file(Path(wanted["station"]))
     limits = load_limits(Path(wanted["limits"])) if wanted["limits"] else None
-    return _rehearsed(profile, file, wanted["units"], Path(wanted["project"]), limits)
+    models = {name: load_model(model) for name, model in wanted["models"].items()}
+    return _rehearsed(profile, file, wanted["units"], Path(wanted["project"]), limits, models)
 
 
 def _rehearsed(
-    profile: Profile, file: Document, taken: Sequence[str], project: Path, limits: Limits | None = None
+    profile: Profile,
+    file: Document,
+    taken: Sequence[str],
+    project: Path,
+    limits: Limits | None = None,
+    models: Mapping[str, Model] = MappingProxyType({}),
 ) -> dict[str, Any]:
     place, serials = seated(file, taken)
     settings = station_of(place)
@@ -259,7 +276,16 @@ def _rehearsed(
     if errors:  # the page shows all of them, not the first line
         return {**drawn, "ok": False, "duration_s": None, "segments": [], "findings": _told(findings)}
     checked = check_on(profile, settings, limits)
-    return {**checked.to_json(), **drawn, "ok": checked.ok, "findings": _told(checked.findings)}
+    held = _not_held(models, units, project)
+    return {**checked.to_json(), **drawn, "ok": checked.ok, "findings": _told((*checked.findings, *held))}
+
+
+def _not_held(models: Mapping[str, Model], units: Sequence[UnitSettings], project: Path) -> Iterator[Finding]:
+    """A warning for each model that a unit cannot hold: a run for study may have it, and flash would refuse it."""
+    for name, model in models.items():
+        for unit in units:
+            if why := undeliverable(model, project, unit.channels):
+                yield Finding("warning", f"unit {unit.serial}: model '{name}': {why}")
 
 
 def _readings(settings: StationSettings, project: Path) -> tuple[Callable[[], object], ...]:
@@ -314,6 +340,8 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
     its first unit, as `bench calibrate` does.
     """
     project = Path(wanted["project"])
+    if wanted["kind"] == "plans":
+        return _drafted_plan(wanted["text"], wanted["file"], Path(wanted["station"]), project)
     found, errors = loaded(wanted["kind"], wanted["text"], wanted["file"], project)
     if isinstance(found, Profile):
         told = _rehearsed(found, station_file(Path(wanted["station"])), (), project)
@@ -321,12 +349,16 @@ def drafted(wanted: Mapping[str, Any]) -> dict[str, Any]:
         return {**told, "ok": told["ok"] and not errors, "findings": [*errors, *others]}
     if errors:
         return {"ok": False, "curve": [], "findings": errors}
-    if isinstance(found, CalibrationPlan):
-        place = Path(wanted["station"])
-        unit = station_of(station_file(place)).units[0].serial
-        return _checked(Order.load(parse_yaml(wanted["text"], wanted["file"]), place, unit, project), project)
     findings = tuple(wire_findings(found)) if isinstance(found, StationSettings) else ()
     return {"ok": all(one.level != "error" for one in findings), "curve": [], "findings": _told(findings)}
+
+
+def _drafted_plan(text: str, file: str, station: Path, project: Path) -> dict[str, Any]:
+    unit = station_of(station_file(station)).units[0].serial
+    try:
+        return _checked(Order.load(parse_yaml(text, file), station, unit, project), project)
+    except BenchError as error:
+        return {"ok": False, "curve": [], "findings": _by_line(within(project, str(error)), within(project, file))}
 
 
 def loaded(kind: str, text: str, file: str, project: Path) -> tuple[Any, list[dict[str, Any]]]:

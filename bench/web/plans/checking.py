@@ -26,6 +26,8 @@ class Intended(BaseModel):
     units: Annotated[list[Name], Field(max_length=64)] = []
     limits: Name | None = None
     """Limits that it is judged by."""
+    models: list[Name] = Field(default=[], max_length=8)
+    """Models by name, in place of the defaults."""
 
 
 @router.post("/checks", status_code=202)
@@ -38,5 +40,5 @@ def check(intended: Intended, request: Request, here: Here, who: Operator) -> As
     station_of(place).chosen(serials)
     limits = named(known.limits(), intended.limits, "limits") if intended.limits else None
     files = {"plan": str(plan), "station": str(station), "limits": limits and str(limits), "project": str(here.project)}
-    wanted = {**files, "units": intended.units}
+    wanted = {**files, "units": intended.units, "models": {name: known.model(name) for name in intended.models}}
     return submit(request, "check", "bench.web.plans.catalog:rehearsed", wanted)

@@ -51,6 +51,8 @@ class SaveRequest(BaseModel):
 
     name: str = Field(min_length=1, max_length=60, pattern=r"^[\p{L}\p{N}][\p{L}\p{N}._+-]*$")
     model: ModelJson
+    runs: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
+    """Runs that it was fitted to: their unit is to hold it."""
 
 
 class Saved(BaseModel):
@@ -60,7 +62,7 @@ class Saved(BaseModel):
     file: str
     yaml: str
     undeliverable: str = ""
-    """Why no unit can hold it, with models that one can; empty where one can."""
+    """Why no unit, or not that of the runs, can hold it, with models that one can; empty where one can."""
 
 
 class ParameterAnswer(BaseModel):
@@ -126,7 +128,7 @@ def models(request: Request, here: Here) -> KnownModels:
 
 
 @router.post("/models", status_code=201)
-def save(body: SaveRequest, here: Here, who: Engineer, response: Response) -> Saved:
+def save(body: SaveRequest, request: Request, here: Here, who: Engineer, response: Response) -> Saved:
     """Save a model under an unused name; saving the same model twice is not an error."""
     known = model_files(here.project)
     model = ModelJson(name=body.name, effects=body.model.effects, rows=body.model.rows).model()
@@ -140,7 +142,9 @@ def save(body: SaveRequest, here: Here, who: Engineer, response: Response) -> Sa
     else:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, text.encode())
-    return Saved(name=path.stem, file=str(path), yaml=text, undeliverable=undeliverable(model, here.project))
+    has = [channels_in(Path(run["path"])) for run in resolved(request, body.runs)]
+    why = undeliverable(model, here.project, set.intersection(*has) if has else None)
+    return Saved(name=path.stem, file=str(path), yaml=text, undeliverable=why)
 
 
 @router.get("/effects")

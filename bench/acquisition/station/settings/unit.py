@@ -10,8 +10,10 @@ from pydantic import BaseModel, Field, model_validator
 from bench.acquisition.station.settings.signals import SignalSettings
 from bench.base import OUTPUTS, STRICT, THERMOMETERS, PlacedError
 from drivers.command_memory import Commands, wrong_place
+from drivers.errors import ConfigError
 from drivers.flash_objects import Addresses
 from drivers.gyro import GyroDecoder
+from drivers.layout import layout_of
 
 Number = Annotated[int, Field(ge=0, le=15)]
 Text = Annotated[str, Field(min_length=1)]
@@ -134,6 +136,15 @@ class UnitSettings(BaseModel):
     def mapping(self) -> dict[str, Any] | None:
         """Its signals, where the station file maps them."""
         return None if self.signals is None else self.signals.content()
+
+    @property
+    def channels(self) -> frozenset[str] | None:
+        """What it sends, by the names that models use; None where DBC and mapping do not describe its frames."""
+        try:
+            sent = layout_of(self.dbc, self.mapping).channels
+        except ConfigError:  # the check of the station says what is wrong with them
+            return None
+        return frozenset({*sent, *(THERMOMETERS[:1] if {*sent} & {*THERMOMETERS} else ())})
 
     def decoder(self) -> GyroDecoder:
         """A decoder of its frames; ConfigError where DBC and mapping do not describe them."""

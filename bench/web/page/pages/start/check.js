@@ -12,14 +12,14 @@ function merged(units, results) {
   };
 }
 
-async function checked({ plan, calibration, station, units, limits }, options) {
-  if (!calibration) return compute("/checks", { plan, station, units, ...(limits ? { limits } : {}) }, options);
+async function checked({ plan, calibration, station, units, limits, models }, options) {
+  if (!calibration) return compute("/checks", { plan, station, units, models, ...(limits ? { limits } : {}) }, options);
   return merged(units, await Promise.all(units.map((unit) => compute("/calibrations/checks", { plan: calibration, station, unit, others: units.filter((one) => one !== unit) }, options))));
 }
 
 export function useCheck(order) {
   const [check, setCheck] = useState(/** @type {{key?: string, result?: any, error?: Error}} */ ({}));
-  const key = JSON.stringify([order.plan, order.calibration, order.station, order.units, order.limits]);
+  const key = JSON.stringify([order.plan, order.calibration, order.station, order.units, order.limits, order.models]);
   const [round, again] = useState(0);
   useEffect(() => {
     const leaving = new AbortController();

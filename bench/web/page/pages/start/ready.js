@@ -29,9 +29,9 @@ export function Ready({ order, answer, plan, plans, station, limits, begun }) {
     const chosen = order.limits ?? lastLimits.get()[plan.id] ?? plan.limits;
     return limits.some(({ id }) => id === chosen) ? chosen : "";
   });
-  const { result, error, again } = useCheck({ ...order, limits: within });
-  const [later, setLater] = useState("");
   const models = order.models ?? plan.models;
+  const { result, error, again } = useCheck({ ...order, limits: within, models });
+  const [later, setLater] = useState("");
   const start = async (queue = false) => {
     setStarting(true);
     setRefused(null);
