@@ -1,6 +1,7 @@
 """The texts of profiles, stations, limits and plans in the page."""
 
 import re
+from urllib.parse import quote
 
 import pytest
 
@@ -162,9 +163,15 @@ def test_a_model_of_ones_own_gets_into_a_plan_that_the_start_page_offers(address
     page.get_by_text("It cannot be used like this").wait_for()
     text.fill(shipped.replace("spline_lag_loop, polynomial", "лінія"))
     page.locator("svg.curve").wait_for()
-    page.get_by_label("Save as").fill("of_lines")
+    name = page.get_by_label("Save as")
+    name.fill("за лініями")
+    page.get_by_text("no spaces").wait_for()
+    assert page.get_by_role("button", name="Save as my own").is_disabled()
+    name.fill("за_лініями")
     page.get_by_role("button", name="Save as my own").click()
-    page.wait_for_url("**id=of_lines")
+    page.wait_for_url(f"**id={quote('за_лініями')}")
+    page.get_by_role("heading", name="за_лініями").wait_for()
+    assert (project / "profiles" / "plans" / "за_лініями.yaml").read_text().startswith("# yaml-language-server")
     page.goto("/start?unit=SIM-0001&station=simulated")
     page.get_by_role("button", name="of lines").click()
     page.locator("button.giant:enabled").wait_for()

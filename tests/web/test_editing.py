@@ -180,6 +180,23 @@ def test_a_plan_is_copied_gets_a_model_of_ones_own_and_is_checked_as_its_calibra
         edit_a_plan(client, project)
 
 
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [("моя_межа", 200), ("限值-2", 200), ("CON", 400), ("nul.2", 400), ("моя межа", 422), (".моя", 422), ("a%07b", 422),
+     ("..%2Fмежа", 404), ("межа%5C2", 422)],
+)  # fmt: skip
+def test_a_file_has_a_name_in_its_users_own_script_that_every_computer_can_keep(bench, name, status):
+    client, project = bench
+    answer = client.put(f"/api/v1/files/profiles/{name}", json={"text": bench_project.SHORT, "digest": ""})
+    assert answer.status_code == status, answer.text
+    assert (project / "profiles" / f"{name}.yaml").exists() == (status == 200)
+    if status == 200:
+        assert name in client.get("/api/v1/files").json()["own"]["profiles"]
+        assert client.get(f"/api/v1/files/profiles/{name}").json()["text"] == bench_project.SHORT
+    if status == 400:
+        assert f"take '_{name}'" in answer.json()["detail"]
+
+
 def test_a_plan_is_read_once_for_a_check(tmp_path, monkeypatch):
     project = bench_project.made(tmp_path)
     read = []

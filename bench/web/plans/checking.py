@@ -15,6 +15,8 @@ from bench.web.plans.catalog import Catalog, named
 
 router = APIRouter(tags=["starting"])
 
+FILE_NAME = r"^[\p{L}\p{N}][\p{L}\p{N}._+-]*$"
+"""What a file of a person may be called, without its ending, in any script."""
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 
 

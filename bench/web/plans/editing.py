@@ -15,17 +15,17 @@ from fastapi import Path as Part
 from pydantic import BaseModel, Field
 
 from bench.base import read_text
-from bench.record import write_atomically
+from bench.record import slug, write_atomically
 from bench.web.ground.problems import one_line
 from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.people.access import Engineer
 from bench.web.plans.catalog import Catalog, loaded, named
-from bench.web.plans.checking import Name
+from bench.web.plans.checking import FILE_NAME, Name
 
 router = APIRouter(tags=["plans"])
 Kind = Literal["profiles", "stations", "limits", "plans"]
-Id = Annotated[str, Part(min_length=1, max_length=60, pattern=r"^[A-Za-z0-9][A-Za-z0-9._+-]*$")]
+Id = Annotated[str, Part(min_length=1, max_length=60, pattern=FILE_NAME)]
 MOST_SIGNS = 200_000
 
 
@@ -90,6 +90,8 @@ def check(kind: Kind, id: Id, draft: Draft, request: Request, here: Here, who: E
 @router.put("/files/{kind}/{id}")
 def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
     """Keep a text as the user's own file; 400 with what is wrong with it, 409 where the file has changed since."""
+    if slug(id) != id:
+        raise HTTPException(400, f"name is '{id}', which not every computer can keep: take '{slug(id)}'")
     existing = _files(kind, here).get(id)
     refuse_changed(existing, saved.digest, f"{kind}/{id}")
     path = _place(kind, here) / f"{id}.yaml"

@@ -17,6 +17,7 @@ from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import jobs_of
 from bench.web.people.access import Engineer
 from bench.web.plans.catalog import is_text
+from bench.web.plans.checking import FILE_NAME
 from bench.web.shelf.indexing import resolved
 from bench.web.workbench.asking import MOST_RUNS, ModelJson, RunId, model_json
 
@@ -49,7 +50,7 @@ class KnownModels(BaseModel):
 class SaveRequest(BaseModel):
     """A model to keep under a name."""
 
-    name: str = Field(min_length=1, max_length=60, pattern=r"^[\p{L}\p{N}][\p{L}\p{N}._+-]*$")
+    name: str = Field(min_length=1, max_length=60, pattern=FILE_NAME)
     model: ModelJson
     runs: list[RunId] = Field(default_factory=list, max_length=MOST_RUNS)
     """Runs that it was fitted to: their unit is to hold it."""

@@ -7,7 +7,7 @@ import { choose, useUnsaved } from "../lib/leaving.js";
 import { remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
 import { may } from "../lib/store.js";
-import { limitsName, planTitle, stationName } from "../lib/names.js";
+import { FILE_NAME, limitsName, planTitle, stationName } from "../lib/names.js";
 import { duration, t } from "../lib/words.js";
 import { Findings } from "./start/ready.js";
 import { useGet } from "./stock/parts.js";
@@ -16,7 +16,6 @@ const KINDS = ["profiles", "stations", "limits", "plans"];
 /** Kinds that a station carries out. */
 const DONE = ["profiles", "plans"];
 const PAUSE_MS = 600;
-const NAME = /^[A-Za-z0-9][A-Za-z0-9._+-]{0,59}$/;
 
 /** Name of a file; a profile of one's own has that of its file, whatever the shipped one says. */
 const titleOf = (kind, id, own) => ({ profiles: () => planTitle({ id, title: id, shipped: !own }), stations: () => stationName(id), limits: () => limitsName(id), plans: () => planTitle({ id, title: id, shipped: !own, calibration: true }) })[kind]();
@@ -104,10 +103,10 @@ function File({ kind, id, stations, saved }) {
         setState({});
       }} />
         <${Trouble} error=${state.error} forget=${() => setState({})} />
-        ${!mine ? html`<p>${t("papers.engineers")}</p>` : html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} onInput=${(event) => setName(event.target.value.trim())} />
-          <button type="submit" class="primary" disabled=${state.busy || !NAME.test(name) || (!changed && name === id)}>${t(file.own && name === id ? "files.save" : "files.save_own")}</button>
+        ${!mine ? html`<p>${t("papers.engineers")}</p>` : html`<div class="row"><label for="files-name">${t("files.name")}</label><input id="files-name" class="mono" value=${name} maxlength="60" autocomplete="off" spellcheck=${false} aria-invalid=${!FILE_NAME.test(name)} aria-describedby="files-name-wrong" onInput=${(event) => setName(event.target.value.trim().normalize("NFC"))} />
+          <button type="submit" class="primary" disabled=${state.busy || !FILE_NAME.test(name) || (!changed && name === id)}>${t(file.own && name === id ? "files.save" : "files.save_own")}</button>
           <button type="button" disabled=${!changed} onClick=${() => setText(file.text)}>${t("files.back")}</button>
-          <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div>`}
+          <span role="status">${state.saved && html`<${Lamp} tone="good">${t("files.saved")}<//>`}</span></div><p id="files-name-wrong" class="tone-bad small" role="status">${!FILE_NAME.test(name) && t("files.name_wrong")}</p>`}
       </div>
       <div class="stack">
         ${mine && DONE.includes(kind) && html`<div class="field"><label for="files-station">${t("files.station")}</label><select id="files-station" value=${station} onChange=${(event) => setStation(event.target.value)}>${stations.map((one) => html`<option key=${one} value=${one} selected=${one === station} title=${one}>${stationName(one)}</option>`)}</select></div>`}

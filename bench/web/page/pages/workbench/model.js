@@ -1,6 +1,7 @@
 // The current model: its effects, another model to start with, a name to save it.
 import { html, or, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "../../lib/words.js";
+import { FILE_NAME } from "../../lib/names.js";
 import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
 import { typed, written } from "../../lib/typed.js";
@@ -49,8 +50,6 @@ export function useModels() {
 
 /** Models that the server takes at once. */
 const MOST_MODELS = 12;
-/** Names that the server takes. */
-const NAME = /^[\p{L}\p{N}][\p{L}\p{N}._+-]{0,59}$/u;
 
 function Save({ model, runs, onSaved }) {
   const [given, setGiven] = useState("");
@@ -58,7 +57,7 @@ function Save({ model, runs, onSaved }) {
   const save = async (event) => {
     event.preventDefault();
     const name = given.trim().normalize("NFC"); // as the file is called
-    if (!NAME.test(name)) return setMessage({ good: false, text: t("workbench.model.name_wrong") });
+    if (!FILE_NAME.test(name)) return setMessage({ good: false, text: t("files.name_wrong") });
     try {
       const { undeliverable } = await api.post("/models", { name, model: { ...model, name }, runs });
       setMessage({ good: true, text: t("workbench.model.saved", { name }), undeliverable });
