@@ -64,6 +64,7 @@ from .station.memory import Compensated as Compensated
 from .station.memory import open_alone as open_alone
 from .station.notices import Mood as Mood
 from .station.notices import Notifier as Notifier
+from .station.notices import load_recipients as load_recipients
 from .station.notices import try_out as try_out
 from .station.occasion import Occasion as Occasion
 from .station.proposal import Proposal as Proposal

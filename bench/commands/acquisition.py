@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from bench import acquisition, analysis, archive, deliver
 from bench.base import Document, InputError, library, load_config, read_yaml, user_name
 from bench.commands.files import write
-from bench.commands.papers import Papers
+from bench.commands.papers import Papers, told_by
 from bench.commands.registering import open_in
 from bench.commands.results.measure import Checked, Copied, StationServed
 from bench.commands.slots import seated
@@ -30,8 +30,8 @@ def station_file(source: Path | Document | None) -> Document:
 
 
 def station_of(document: Document) -> acquisition.StationSettings:
-    """The station of a file; files that it names are beside it."""
-    return load_config(document, acquisition.StationSettings).beside(document)
+    """The station of a file; files that it names are beside it, recipients that were filled in are one's own."""
+    return told_by(load_config(document, acquisition.StationSettings).beside(document))
 
 
 def load_station(source: Path | Document | None) -> acquisition.StationSettings:

@@ -29,7 +29,10 @@ def try_notices(station_path: Path | None) -> NoticesTried:
     """Send a trial to everybody whom a station tells of its runs; InputError where it tells nobody."""
     station = load_station(station_path)
     if station.notify is None:
-        text = "this station tells nobody: `notify: FILE` in it names a notification file (docs/howto/production.md)"
+        text = (
+            "this station tells nobody: fill in 'Notices' on the page 'Laboratory and equipment', or name a "
+            "notification file in it by `notify: FILE` (docs/howto/production.md)"
+        )
         raise InputError(text, station_path)
     return NoticesTried(station.notify, dict(acquisition.try_out(station.notify)))
 

@@ -64,6 +64,14 @@ def own_paper(kind: str, station: acquisition.StationSettings, own: Path = OWN) 
     return own / kind / f"{given or _for(station)}.yaml"
 
 
+def told_by(station: acquisition.StationSettings, own: Path = OWN) -> acquisition.StationSettings:
+    """The station with the recipients that are filled in for it, where its file names none."""
+    filled = own_paper("notify", station, own)
+    if station.notify is not None or not filled.is_file():
+        return station
+    return station.model_copy(update={"notify": str(filled.absolute())})
+
+
 def _for(station: acquisition.StationSettings) -> str:
     """Name of the file of a station that names none; none that is shipped has it."""
     return f"station_{slug(station.name)}"

@@ -19,7 +19,7 @@ _PARTIAL = re.compile(r"\..+\.(?:json|jsonl|yaml|html|parquet|gtbj|pdf|xml)\.(?:
 """Names of files that are not whole yet, as `write_atomically` and `copy_whole` give them."""
 
 
-def write_atomically(path: Path, data: bytes, *, sync: bool = True) -> None:
+def write_atomically(path: Path, data: bytes, *, sync: bool = True, mode: int = 0o644) -> None:
     """Replace `path` by `data` so that a reader or a power cut sees the old file or the new one, never a part.
 
     Without `sync` a power cut may bring the old one back.
@@ -31,7 +31,7 @@ def write_atomically(path: Path, data: bytes, *, sync: bool = True) -> None:
             file.flush()
             if sync:
                 os.fsync(file.fileno())
-        Path(temporary).chmod(0o644)
+        Path(temporary).chmod(mode)
         Path(temporary).replace(path)
     except BaseException:
         Path(temporary).unlink(missing_ok=True)

@@ -248,7 +248,7 @@ def test_doctor_sends_a_trial_and_says_why_one_was_not_taken(tmp_path):
 def test_doctor_says_how_to_tell_somebody_where_a_station_tells_nobody():
     answer = doctor(acquisition.STATION)
     assert answer.exit_code == 2
-    assert "this station tells nobody: `notify: FILE`" in answer.stderr
+    assert "this station tells nobody: fill in 'Notices'" in answer.stderr
 
 
 def test_the_watchdog_tells_what_it_did_in_place_of_the_bench(tmp_path, monkeypatch, capsys):

@@ -115,12 +115,12 @@ def test_what_is_filled_in_for_a_laboratory_is_not_lost_without_a_question(addre
         question.wait_for(state="detached")
         assert (who.input_value(), page.locator("#station").input_value()) == ("O. Petrenko", "bare")
     assert {button.inner_text() for button in page.locator("form button[type=submit]:not(.unseen)").all()} == {
-        "Save laboratory", "Save reference equipment",
+        "Save laboratory", "Save reference equipment", "Save notices",
     }  # fmt: skip
     name.fill("Gyro laboratory")
     page.get_by_role("button", name="Save Laboratory").click()
     page.get_by_text("Saved.").wait_for()
-    assert page.get_by_text("Nothing is filled in yet.").count() == 1
+    assert page.get_by_text("Nothing is filled in yet.").count() == 2
     name.fill("Gyro laboratory 2")  # over what was saved last, and then over what somebody else saved
     page.get_by_role("button", name="Save Laboratory").click()
     page.get_by_text("Saved.").wait_for()

@@ -80,6 +80,26 @@ def seen_on_paper(page):
     page.emulate_media(media="screen")
 
 
+def fill_in_recipients(page):
+    """Somebody is told of runs, whose address is not shown again; then nobody any more."""
+    page.get_by_label("Name, as events call it").fill("chat")
+    address = page.get_by_label("Address (URL)")
+    address.fill("json://secret@127.0.0.1:1")
+    page.get_by_label("Run ended").uncheck()
+    page.get_by_role("button", name="Save notices").click()
+    page.get_by_text("Runs that start from now on tell them").wait_for()
+    assert (address.input_value(), address.get_attribute("placeholder")) == ("", "saved, not shown")
+    assert "secret" not in page.content()
+    page.get_by_role("button", name="Send everybody a trial").click()
+    page.get_by_text("chat: ").wait_for()
+    page.reload()
+    page.get_by_label("Run holds").wait_for()
+    assert not page.get_by_label("Run ended").is_checked()
+    page.get_by_role("button", name="Remove chat").click()
+    page.get_by_role("button", name="Save notices").click()
+    page.get_by_text("Nothing is filled in yet.").nth(2).wait_for()
+
+
 def test_a_profile_is_edited_and_the_equipment_of_its_station_asked(bench, visitors, project):
     page = visitors.come(bench.site.address)
     page.goto("/")
@@ -104,6 +124,7 @@ def test_a_profile_is_edited_and_the_equipment_of_its_station_asked(bench, visit
     page.goto("/laboratory?station=bare")
     page.get_by_role("button", name="Send everybody a trial").click()
     page.get_by_text("this station tells nobody").wait_for()
+    fill_in_recipients(page)
     page.get_by_role("button", name="Ask the equipment").click()
     page.get_by_text("Everything that answered agrees").wait_for()
 

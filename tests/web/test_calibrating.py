@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import drivers
 from bench.base import InputError, library, parse_yaml, read_yaml
 from bench.cli import main
-from bench.commands import Order
+from bench.commands import Order, load_station
 from bench.commands.calibration.calibrate import calibrate, calibrate_all
 from bench.commands.calibration.job import Case, Done, JobFile
 from bench.record import StartRecord
@@ -21,6 +21,7 @@ from bench.web.live.starts import Starts
 from bench.web.people import people
 from tests.commands.test_calibrate import Fake
 from tests.support import bench_project
+from tests.support.notices import webhook
 from tests.support.waiting import until
 from tests.support.web_client import served
 from tests.web.test_starting import LONG, kill
@@ -508,3 +509,33 @@ def test_a_time_without_its_zone_is_refused(settings):
         answer = client.post("/api/v1/starts", json={"plan": "long", "not_before": "2026-11-24T00:00:00"})
         assert answer.status_code == 422
         assert "timezone" in answer.text
+
+
+def test_who_is_told_of_runs_is_filled_in_on_the_page_which_shows_no_address_again(settings):
+    path = settings.project / "profiles" / "notify" / "station_bare.yaml"
+    with served(settings) as client, webhook() as hook:
+        url = f"json://user:secret@127.0.0.1:{hook.port}"
+
+        def fill_in(*recipients):
+            digest = client.get("/api/v1/stations/bare/papers").json()["notify"]["digest"]
+            asked = {"content": {"recipients": recipients}, "digest": digest}
+            return client.put("/api/v1/stations/bare/papers/notify", json=asked)
+
+        def trial():
+            job = client.post("/api/v1/stations/bare/notices", json={}).json()["job"]
+            return until(lambda: client.get(f"/api/v1/jobs/{job}?wait_s=20").json()["result"])["recipients"]
+
+        wrong = fill_in({"name": "chat", "url": "secret"})
+        assert (wrong.status_code, wrong.json()["detail"][:40]) == (400, "recipients[0].url: begins with no servic")
+        assert fill_in({"name": "chat", "url": url, "when": []}).status_code == 400, "told of nothing"
+        saved = fill_in({"name": "чат", "url": url, "when": ["trip"]}).raise_for_status()
+        assert path.stat().st_mode & 0o777 == 0o600
+        renamed = fill_in({"kept": "чат", "name": "chat", "when": ["end"]}).raise_for_status()
+        shown = client.get("/api/v1/stations/bare/papers")
+        assert shown.json()["notify"]["content"] == {"recipients": [{"kept": "chat", "name": "chat", "when": ["end"]}]}
+        assert not [answer for answer in (wrong, saved, renamed, shown) if "secret" in answer.text]
+        assert trial() == {"chat": ""}
+        assert hook.next()["title"] == "bench: trial"
+        assert load_station(settings.project / "profiles" / "stations" / "bare.yaml").notify == str(path)
+        assert fill_in().raise_for_status().json()["content"] is None
+        assert not path.exists(), "nobody is told any more"

@@ -16,7 +16,7 @@ from queue import Empty, Full, Queue
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from bench.acquisition.station.settings.notify import Kind, NotifyFile, Recipient
-from bench.base import InputError, load_config, read_yaml
+from bench.base import Document, InputError, load_config, read_yaml
 
 if TYPE_CHECKING:
     from apprise import NotifyBase
@@ -36,7 +36,7 @@ class Notifier:
 
     def __init__(self, path: str | None) -> None:
         """InputError with file and line where the file is wrong, or one of its services cannot be used here."""
-        self._lines = [_Line(recipient, service) for recipient, service in _load(path)] if path else []
+        self._lines = [_Line(recipient, service) for recipient, service in load_recipients(path)] if path else []
 
     def tell(self, kind: Kind, title: str, text: str, mood: Mood = "info") -> None:
         """Send to everybody who wants to know of it, and return at once."""
@@ -59,7 +59,7 @@ def try_out(path: str) -> list[tuple[str, str]]:
     import apprise
 
     found = []
-    for recipient, service in _load(path):
+    for recipient, service in load_recipients(path):
         with apprise.LogCapture(level=logging.WARNING) as said:  # type: ignore[no-untyped-call]
             taken = service.notify(body="This is a trial; nothing happened.", title="bench: trial", notify_type="info")
             lines = [line.partition(" - WARNING - ")[2] or line for line in said.getvalue().splitlines()]
@@ -132,8 +132,10 @@ def _rest(queue: Queue[T]) -> list[T]:
             return found
 
 
-def _load(path: str) -> list[tuple[Recipient, NotifyBase]]:
-    document = read_yaml(Path(path))
+def load_recipients(source: str | Document) -> list[tuple[Recipient, NotifyBase]]:
+    """Recipients of a file, each with its service; InputError where the file, or a service, is wrong."""
+    document = source if isinstance(source, Document) else read_yaml(Path(source))
+    path = document.file
     recipients = load_config(document, NotifyFile).recipients
     try:
         import apprise

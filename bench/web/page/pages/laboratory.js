@@ -57,10 +57,11 @@ export default function Laboratory({ query }) {
     <div class="field"><label for="station">${t("papers.station")}</label>
       <select id="station" value=${chosen} onChange=${(event) => choose(event, chosen, setStation)}>${stations.map(({ id, title }) => html`<option key=${id} value=${id} selected=${id === chosen} title=${title}>${stationName(title)}</option>`)}</select></div>
     ${may("operator") && chosen && html`<${Doctor} key=${`doctor ${chosen}`} station=${chosen} />`}
-    ${may("engineer") && chosen && html`<${Notices} key=${`notices ${chosen}`} station=${chosen} />`}
     <${Trouble} error=${seen.error} />
     ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />
-      <${Form} key=${`equipment ${chosen}`} kind="equipment" station=${chosen} paper=${seen.papers.equipment} empty=${{ equipment: [{}] }} Fields=${Instruments} />`}
+      <${Form} key=${`equipment ${chosen}`} kind="equipment" station=${chosen} paper=${seen.papers.equipment} empty=${{ equipment: [{}] }} Fields=${Instruments} />
+      ${may("engineer") && html`<${Form} key=${`notify ${chosen}`} kind="notify" station=${chosen} paper=${seen.papers.notify} empty=${{ recipients: [{}] }} Fields=${Recipients} />
+        <${Trial} key=${`trial ${chosen}`} station=${chosen} />`}`}
   </div>`;
 }
 
@@ -79,10 +80,10 @@ function Doctor({ station }) {
   </section>`;
 }
 
-/** Who is told of runs is written in a file, which has passwords: the page sends a trial, and knows names only. */
-function Notices({ station }) {
+/** A trial to everybody who is told of runs, as saved. */
+function Trial({ station }) {
   const job = useAct();
-  return html`<section class="panel stack" aria-labelledby="notices"><h2 id="notices">${t("notices.title")}</h2><p class="small soft">${t("notices.what")}</p>
+  return html`<section class="panel stack" aria-labelledby="trial"><h2 id="trial">${t("notices.trial")}</h2><p class="small soft">${t("notices.trial.what")}</p>
     <p><button type="button" disabled=${job.busy} onClick=${() => job.act(url`/stations/${station}/notices`, {})}>${t("notices.send")}</button></p>
     <${Going} job=${job} />
     <ul class="findings" role="status">${Object.entries(job.result?.recipients ?? {}).map(([name, wrong]) => html`<li key=${name}><${Lamp} tone=${wrong ? "bad" : "good"}>${name}${sign(": ")}${wrong ? html`<${Said} text=${wrong} />` : t("notices.taken")}<//></li>`)}</ul>
@@ -105,7 +106,10 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
     event.preventDefault();
     setState({ busy: true });
     try {
-      setPaper({ ...await put(url`/stations/${station}/papers/${kind}`, { content: numbered(content), digest: paper.digest }), content });
+      const kept = await put(url`/stations/${station}/papers/${kind}`, { content: numbered(content), digest: paper.digest });
+      const shown = kind === "notify" ? kept.content ?? empty : content; // without the addresses that were typed
+      setContent(shown);
+      setPaper({ ...kept, content: shown });
       setState({ saved: true });
     } catch (error) {
       setState({ error });
@@ -115,13 +119,13 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
     setContent((now) => changed(now, path.split("."), value));
     setState({});
   };
-  return html`<form class="panel stack" aria-labelledby=${kind} onSubmit=${save}><h2 id=${kind}>${t(`papers.${kind}`)}</h2>
+  return html`<form class="panel stack" aria-labelledby=${kind} onSubmit=${save}><h2 id=${kind}>${t(`papers.${kind}`)}</h2>${kind === "notify" && html`<p class="small soft">${t("notices.what")}</p>`}
     <p class="small soft">${paper.file ? t("papers.file", { file: paper.file }) : t("papers.no_file")}</p>
     <${Trouble} error=${paper.problem || null} />
     <fieldset class="all" disabled=${!may("engineer")}><${Fields} content=${content} change=${change} /></fieldset>
     <${Trouble} error=${state.error} forget=${() => setState({})} />
     <div class="row">${may("engineer") ? html`<button type="submit" class="primary" disabled=${state.busy}>${t(`papers.${kind}.save`)}</button>` : html`<p>${t("papers.engineers")}</p>`}
-      <span role="status">${state.saved && t("papers.saved")}</span></div>
+      <span role="status">${state.saved && t(kind === "notify" ? "notices.saved" : "papers.saved")}</span></div>
   </form>`;
 }
 
@@ -148,4 +152,21 @@ function Instruments({ content, change }) {
       ${tools.length > 1 && html`<button type="button" class="narrow" onClick=${() => change("equipment", tools.filter((_, other) => other !== index))}>${t("papers.remove")}<span class="unseen"> ${tool.name ?? ""}</span></button>`}
     </fieldset>`)}
     <p><button type="button" class="narrow" onClick=${() => change("equipment", [...tools, {}])}>${t("papers.add")}</button></p>`;
+}
+
+/** What a recipient may be told of. */
+const WHEN = ["end", "trip", "hold", "calibration"];
+
+function Recipients({ content, change }) {
+  const people = content.recipients ?? [];
+  return html`${people.map((person, index) => html`<fieldset key=${index}><legend>${t("notices.recipient", { n: index + 1 })}</legend>
+      <div class="papers-fields"><${Field} id=${`recipient${index}.name`} type="text" required label=${t("notices.name")} value=${person.name ?? ""} change=${(value) => change(`recipients.${index}.name`, value)} />
+        <div class="field"><label for=${`recipient${index}.url`}>${t("notices.url")}${!person.kept && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
+          <input id=${`recipient${index}.url`} type="password" autocomplete="new-password" spellcheck=${false} required=${!person.kept} placeholder=${person.kept ? t("notices.kept") : ""} aria-describedby="notices-like" value=${person.url ?? ""} onInput=${(event) => change(`recipients.${index}.url`, event.target.value)} /></div></div>
+      <div class="row" role="group" aria-label=${t("notices.when")}>${WHEN.map((kind) => html`<label key=${kind}><input type="checkbox" checked=${(person.when ?? WHEN).includes(kind)}
+        onChange=${(event) => change(`recipients.${index}.when`, WHEN.filter((one) => (one === kind ? event.target.checked : (person.when ?? WHEN).includes(one))))} /> ${t(`notices.when.${kind}`)}</label>`)}</div>
+      <button type="button" class="narrow" onClick=${() => change("recipients", people.filter((_, other) => other !== index))}>${t("papers.remove")}<span class="unseen"> ${person.name ?? ""}</span></button>
+    </fieldset>`)}
+    <p class="small soft" id="notices-like">${t("notices.url.like")}</p>
+    <p><button type="button" class="narrow" onClick=${() => change("recipients", [...people, {}])}>${t("notices.add")}</button></p>`;
 }
