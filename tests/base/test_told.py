@@ -150,6 +150,10 @@ SAMPLES = [
      "plans/own.yaml: модель «mine»: expression: не можна записати у виріб: виріб обчислює доданки з однієї чи двох "
      "величин тієї самої миті (можливі: температура, амплітуда збудження), а доданок «lag(drive, 60)» потребує: "
      "амплітуда збудження, lag; вилучіть це з моделі, яку записують; моделі, які виріб може вмістити: spline, лінія"),
+    ("unit G-1: model 'spline': supply_voltage: cannot be delivered: this unit has no channel supply; leave it out of "
+     "the delivered model; models that a unit can hold: polynomial", "uk",
+     "виріб G-1: модель «spline»: supply_voltage: не можна записати у виріб: у цього виробу немає каналу: напруга "
+     "живлення; вилучіть це з моделі, яку записують; моделі, які виріб може вмістити: polynomial"),
     ("channel 'applied_rate' [deg/s] is missing; the run has rate, temperature", "uk",
      "немає каналу «applied_rate» [°/с]; прогін має: вихід гіроскопа, температура"),
     ("brief.yaml: longest soak is 10 min: the noise floor is read where the unit stands still for 5 min, which takes a "
