@@ -2,9 +2,6 @@
 import { may } from "./store.js";
 import { known, moment, or, t } from "./words.js";
 
-/** What a file of a person may be called, without its ending, in any script. */
-export const FILE_NAME = /^[\p{L}\p{N}][\p{L}\p{N}._+-]{0,59}$/u;
-
 /** The words of a plan that is as the bench ships it; another one, also of the same name, has its own. */
 const ofPlan = (plan, what, own) => (plan.shipped === false ? own : or(`${plan.calibration ? "calibration" : "plan"}.${plan.id}${what}`, own));
 export const planTitle = (plan) => ofPlan(plan, "", plan.title);

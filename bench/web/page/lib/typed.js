@@ -16,3 +16,6 @@ export function typed(text) {
     return text.trim();
   }
 }
+
+/** What a file of a person may be called, without its ending, in any script. */
+export const FILE_NAME = /^[\p{L}\p{N}][\p{L}\p{N}._+-]{0,59}$/u;

@@ -1,10 +1,9 @@
 // The current model: its effects, another model to start with, a name to save it.
 import { html, or, t, api, measured, useEffect, useState } from "./parts.js";
 import { effectWord } from "../../lib/words.js";
-import { FILE_NAME } from "../../lib/names.js";
 import { parameterWord } from "./sentence.js";
 import { offered } from "./offered.js";
-import { typed, written } from "../../lib/typed.js";
+import { FILE_NAME, typed, written } from "../../lib/typed.js";
 import { OwnTerm } from "./term.js";
 import { fileName, save as offer } from "../../lib/download.js";
 import { TextField } from "../../lib/parts.js";
