@@ -8,7 +8,7 @@ from bench.analysis.judging.diagnosed import Diagnosed, Rung
 from bench.analysis.judging.verdict import RunVerdict, with_diagnosis
 from bench.base import ends, with_uncertainty
 
-FOUND = SimpleNamespace(effect="resonance_frequency")
+FOUND = SimpleNamespace(effect="resonance_frequency", look_alikes=())
 OWN = RunVerdict("adequate", "Complete, no frame lost; spline leaves 1.1 × the noise floor on unseen data.")
 
 
@@ -37,6 +37,14 @@ def test_an_effect_that_no_unseen_data_could_judge_has_no_error_there():
 
 def test_an_effect_that_unseen_data_prove_is_named():
     assert headline(0.2, 0.1, "missing_effect", (FOUND,)).headline == "Missing: resonance_frequency"
+
+
+def test_effects_that_the_data_cannot_tell_apart_are_named_together():
+    alike = ("quadrature_leakage", "k * play(temperature, 5)", "k * lag(dT_dt, 60)")
+    tied = SimpleNamespace(effect="resonance_frequency", look_alikes=alike)
+    said = headline(0.2, 0.1, "missing_effect", (tied,))
+    assert said.headline == "Missing: resonance_frequency or quadrature_leakage or a formula"
+    assert "lacks resonance_frequency or quadrature_leakage or a formula; adding it would" in said.sentence
 
 
 def test_where_another_model_was_diagnosed_than_the_best_both_say_what_they_leave():

@@ -131,6 +131,7 @@ SAMPLES = [
      "найгірша 2,5 мс, медіана 0,1 мс із 10; timeout_s = 1,5"),
     ("spline: intervals is 'lots', allowed is a whole number from 1 to 200", "zh",
      "spline：intervals为'lots'，允许1至200的整数"),
+    ("Missing: thermal_lag or clock_delay or a formula", "uk", "Бракує: thermal_lag або clock_delay або формула"),
     ("no frame lost; M1 lacks no effect that this run could show.", "uk",
      "жодного кадру не втрачено; моделі M1 не бракує жодного ефекту, який цей прогін міг показати."),
     ("line 2: the name 'quick' is taken by a shipped profile of other content; histories and fleet would mix their "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -52,7 +53,7 @@ class RunVerdict:
     word: Word
     sentence: str
     missing: tuple[str, ...] = ()
-    """Effects that the diagnosis names."""
+    """Effects that the diagnosis names, each with those that the data cannot tell from it."""
 
     @property
     def headline(self) -> str:
@@ -88,7 +89,7 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
     answer = diagnosed.answer
     if answer is None:
         return verdict
-    missing = tuple(suspect.effect for suspect in answer.named)
+    missing = tuple(" or ".join((one.effect, *_others(one.look_alikes))) for one in answer.named)
     name = answer.model.name
     steps = [rung.held_out_dph for rung in diagnosed.rungs if not rung.rival]
     if answer.verdict == "adequate":
@@ -111,6 +112,11 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
     kept = verdict.word in {"partial", "no_data"} or no_floor
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
     return replace(verdict, word=verdict.word if kept else answer.verdict, sentence=sentence, missing=missing)
+
+
+def _others(look_alikes: Sequence[str]) -> list[str]:
+    """Look-alikes in a few words: the text of a formula is long, and the diagnosis has it."""
+    return list(dict.fromkeys(name if name.isidentifier() else "a formula" for name in look_alikes))
 
 
 def _undecided(name: str, suspected: tuple[str, ...], steps: list[float]) -> str:
