@@ -292,7 +292,10 @@ def transformed(case):
 
 
 def diagnosed(quiet, hidden):
-    """The diagnosis of the unit with what a mechanism makes of its temperature added, with a check run."""
+    """The diagnosis of the unit with what a mechanism makes of its temperature added, with a check run.
+
+    Two effects stand for the catalogue, which takes as long as the formulas.
+    """
     (run, still), check = quiet, cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
 
     def with_it(record):
@@ -300,7 +303,8 @@ def diagnosed(quiet, hidden):
         added = np.interp(record.time, seconds, hidden(np.interp(seconds, record.time, record.channel("temperature"))))
         return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
 
-    return diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still)
+    few = [effects.make(name) for name in ("bias_jump", "creep")]
+    return diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still, candidates=few)
 
 
 @pytest.mark.slow
