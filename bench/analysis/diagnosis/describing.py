@@ -45,6 +45,7 @@ _LIKE = (
     ("sin(2*pi*(temperature", "like an etalon whose path drifts, as it ages or relaxes"),
     (") * above(chamber_temperature - lag(", "like interference of the chamber's heater, aliased by the sampling"),
     (") * above(lag(chamber_temperature", "like interference of the chamber's cooling, aliased by the sampling"),
+    ("sin(2*pi*(time -", "like a heater, a pump or a valve that a clock of its own switches"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
     ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),
     ("uneven_lag(", "like what is taken up faster than it is given off, or slower: gas through a valve, charge, water"),

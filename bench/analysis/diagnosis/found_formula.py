@@ -67,10 +67,10 @@ class FoundFormula:
     def period_s(self) -> float:
         """After which it repeats [s]: 0 where it does not depend on the time, infinite where it never repeats."""
         first, *others = [block.text for block in (*self.formula.blocks, self.formula.along) if block]
-        sine = re.match(r"sin\(\d\*pi\*time/", first)
-        if any(re.search(r"\btime\b", text) for text in (others if sine else (first, *others))):
+        periodic = re.match(r"sin\(\d\*pi\*time/|\(1 \+ tanh\(\(sin\(2\*pi\*\(time ", first)
+        if any(re.search(r"\btime\b", text) for text in (others if periodic else (first, *others))):
             return np.inf
-        return self.theta[0] if sine else 0.0
+        return self.theta[self.formula.names.index("period_s")] if periodic else 0.0
 
     def amplitude_entries(self, amplitude: str = "k") -> list[tuple[str, float, float, str]]:
         """Name, value, standard deviation and unit of each amplitude."""

@@ -16,7 +16,7 @@ import numpy as np
 from bench.analysis.diagnosis.blocks import Block, Formula, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.diagnosis.ranges import Ranges, inner
-from bench.analysis.diagnosis.states import hops, latch, states
+from bench.analysis.diagnosis.states import clock, hops, latch, states
 from bench.base import BoolArray
 from bench.record import Dataset
 
@@ -83,6 +83,7 @@ class Grammar:
         have = {block.text for block in formula.blocks}
         if formula.pair:
             yield from self._hopping(formula, values)
+            yield from self._clocked(formula, values)
         if not formula.pair and formula.degree < _MOST_DEGREE:
             along = formula.along or self._centred("temperature")
             yield replace(formula, degree=formula.degree + 1, along=along), (values,)
@@ -114,6 +115,15 @@ class Grammar:
                 low, rest = self.ranges.temperature[0], values[len(sine.bounds) :]
                 tried = tuple((*tau, low + share * period, period, *rest) for share in np.arange(0.0, 1.0, 0.0625))
                 yield Formula((late, *others)), tried
+
+    @staticmethod
+    def _clocked(formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
+        """What a sine over time is the first harmonic of: what a clock switches."""
+        sine, *others = formula.blocks
+        if sine.text.startswith("sin(2*pi*time/"):
+            period_s, *rest = values
+            block = clock(dict(sine.bounds)["period_s"], period_s)
+            yield Formula((block, *others)), tuple((*one, *rest) for one in block.grid)
 
     def beside(self, formula: Formula, values: Theta) -> Iterator[tuple[Formula, tuple[Theta, ...]]]:
         """What may stand beside a formula: what it would become with a block more, its square, overtones of a sine."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.diagnosis.blocks import Block, lagged, lags, loop, unit_of
+from bench.analysis.diagnosis.blocks import Block, Bounds, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.ranges import Ranges, inner
 
 _SET_POINTS = (0.15, 0.35, 0.45, 0.5, 0.55, 0.65, 0.85)  # quantiles of a channel that a loop may hold
@@ -191,6 +191,16 @@ def hops(ranges: Ranges) -> list[Block]:
                  (("tau_s", (20.0, 2000.0)), *bounds), tuple((tau, *one) for tau in (60.0, 200.0) for one in tried),
                  places=1)  # fmt: skip
     return [Block("sawtooth((temperature - {at})/{step})", words, "", bounds, tried, places=1), late]
+
+
+def clock(bounds: Bounds, period_s: float) -> Block:
+    """What a clock of its own switches on for a part of each period, as a sine over time with this period shows it."""
+    text = "(1 + tanh((sin(2*pi*(time - {start_s})/{period_s}) - {level})/0.15))"
+    tried = tuple(
+        (share * period_s, period_s, level) for share in np.arange(0.0, 1.0, 0.0625) for level in (-0.5, 0.0, 0.5)
+    )
+    ends = (("start_s", (-bounds[1], 2.0 * bounds[1])), ("period_s", bounds), ("level", (-0.95, 0.95)))
+    return Block(text, "what is switched by a clock of its own", "", ends, tried, places=1)
 
 
 def _yielding(ranges: Ranges) -> Block:
