@@ -281,6 +281,16 @@ def clocked(case):
     return out
 
 
+def thawing(case):
+    """A spring that slides at a force which falls by e for every 40 degC."""
+    spring, last, out = 0.0, case[0], np.empty(len(case))
+    for second, value in enumerate(case.tolist()):
+        force = 9.0 * np.exp((25.0 - value) / 40.0)
+        spring, last = min(max(spring + value - last, -force), force), value
+        out[second] = 0.06 * spring
+    return out
+
+
 def resting(case):
     """What settles within 15 minutes wherever the temperature stays, and goes as slowly where it changes."""
     state, out = 1.0, np.empty(len(case))
@@ -332,6 +342,10 @@ def diagnosed(quiet, hidden, candidates=None):
         (
             wandering,
             r"k \* sin\(2\*pi\*\(temperature \+ 1\.(1[89]|2[012]?)\d* \* time/3600\)/(12\.9\d*|13(\.0\d*)?)\) \+ .*",
+        ),
+        (
+            thawing,
+            r"k \* \(temperature - play\(temperature, (8\.[89]|9(\.[0-2])?)\d* \* exp\(0\.02[3-7]\d* \* \(25 - temp.*",
         ),
         (
             clocked,

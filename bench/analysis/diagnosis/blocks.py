@@ -60,6 +60,10 @@ class Block:
                                 *((name, f"faster or slower by the {name}") for name in switched)):  # fmt: skip
                 turned = self.text.replace("{tau_s}", f"{{tau_s}} * (1 + {{slower}} * {name})")
                 found.append(self._with("slower", (-0.9, 0.9), (-0.5, 0.5), turned, f"{self.words}, {words}"))
+        if "play(temperature, {width})" in self.text:
+            softer = self.text.replace("{width}", "{width} * exp({softer} * (25 - temperature))")
+            found.append(self._with("softer", (-0.12, 0.12), (-0.03, 0.015, 0.03, 0.06), softer,
+                                    f"{self.words}, whose width falls when it is warm"))  # fmt: skip
         if "{tau_s})" in self.text and (self.text.startswith("lag(") or self.text.count("lag(") == 1):
             uneven = self.text.replace("lag(", "uneven_lag(", 1).replace("{tau_s})", "{tau_s}, {fall_s})")
             found.append(self._with("fall_s", dict(self.bounds)["tau_s"], tuple(t for (t,) in lags(length_s / 2.0, 2)),
@@ -247,8 +251,8 @@ class Formula:
         return None if shorter.blocks == self.blocks else (shorter, tuple(values))
 
     def shorter(self, theta: Theta) -> list[tuple[Formula, Theta]]:
-        """The formula without each of its blocks, but for the sine of a pair, and its parameters, where two remain."""
-        if len(self.blocks) < 3:
+        """The formula without each of its blocks, but for the sine of a pair, and its parameters, where one remains."""
+        if len(self.blocks) < 2:
             return []
         return [
             (replace(self, blocks=(*self.blocks[:i], *self.blocks[i + 1 :])), (*theta[: at.start], *theta[at.stop :]))

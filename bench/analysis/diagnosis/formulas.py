@@ -272,9 +272,12 @@ class FormulaSearch:
             found += better
             one = better[0]
             # What it began with may have stood for what it has become.
-            while pruned := [each for each in self._pruned(one, tried) if each.evidence > one.evidence]:
+            while pruned := self._pruned(one, tried):
                 found += pruned
-                one = max(pruned, key=lambda each: each.evidence)
+                best = max(pruned, key=lambda each: each.evidence)
+                if best.evidence <= one.evidence:
+                    break
+                one = best
         return found
 
     def _pruned(self, one: FoundFormula, tried: int) -> list[FoundFormula]:

@@ -7,8 +7,8 @@ slew(x, per_min) that follows x no faster, dead_zone(x, width) (what of x is fur
 from where x rises above `high` until it falls below `low`, else 0), total(x) [x h], highest(x) and lowest(x) so far,
 above(x) (x where it is above 0, else 0), sawtooth(x) (from -0.5 to 0.5 between whole numbers), abs, exp, log, sqrt,
 sin, cos, tanh, sign are functions; every other name is a parameter. One that multiplies a term is an amplitude and
-solved exactly; one inside a function needs bounds. The time constant of a lag may change with a channel, as in
-`lag(dT_dt, tau_s * exp(-faster * temperature))`.
+solved exactly; one inside a function needs bounds. The time constant of a lag, and the width of a play, may change with
+a channel, as in `lag(dT_dt, tau_s * exp(-faster * temperature))`.
 Units: B [deg/h], channels as in the vocabulary, time [s], dT_dt [degC/min], direction +1 heating, -1 cooling, 0 else.
 Source: the user's.
 When left out: the residual follows the formula.

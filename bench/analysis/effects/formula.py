@@ -44,7 +44,7 @@ FUNCTIONS: dict[str, int] = {
 follows x no faster than this, dead_zone(x, width), what of x is further than this from 0, latch(x, high, low), 1 from
 where x rises above `high` until it falls below `low` and else 0, total(x), the integral over hours since the run began,
 highest(x) and lowest(x) of the run so far, above(x), x where it is above 0 and else 0, sawtooth(x), from -0.5 to 0.5
-between whole numbers. The time constant of a lag may change with a channel."""
+between whole numbers. The time constant of a lag, and the width of a play, may change with a channel."""
 
 _PLAIN: dict[str, Callable[[Any], Any]] = {
     "above": lambda x: np.maximum(x, 0.0), "sawtooth": lambda x: x - np.floor(x) - 0.5,
@@ -55,7 +55,7 @@ _MEMORY: dict[str, Callable[..., FloatArray]] = {
     "lag": ramp_invariant_lag,
     "uneven_lag": lambda time_s, x, rise_s, fall_s: uneven_lag(time_s, x, float(rise_s), float(fall_s)),
     "delay": lambda time_s, x, late_s: shifted(time_s, x, float(late_s)),
-    "play": lambda _, x, width: play(x, float(width)),
+    "play": lambda _, x, width: play(x, width),
     "slew": lambda time_s, x, per_min: slew(time_s, x, float(per_min)),
     "dead_zone": lambda _, x, width: x - np.clip(x, -abs(float(width)), abs(float(width))),
     "latch": lambda _, x, high, low: latch(x, float(high), float(low)),
@@ -239,7 +239,7 @@ def _allow_call(node: ast.Call, functions: Mapping[str, int]) -> None:
     if wanted == 1:
         return
     inside, data = names_of(node.args[1]) - set(FUNCTIONS), set(variables())
-    if inside & data and (node.func.id != "lag" or inside <= data):
+    if inside & data and (node.func.id not in {"lag", "play"} or inside <= data):
         raise InputError(f"expression: the second argument of {node.func.id} is a number or a parameter, not a channel")
 
 

@@ -28,12 +28,13 @@ def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float | Flo
     return _bridged(lambda time, u: _lag(time, u, np.interp(time, time_s[known], tau[known])), time_s, value)
 
 
-def play(value: FloatArray, half_width: float) -> FloatArray:
+def play(value: FloatArray, half_width: float | FloatArray) -> FloatArray:
     """Play (backlash) of a record (n,): follows what moves further than `half_width` from it; starts on it.
 
     z_k = min(max(z_{k-1}, u_k - r), u_k + r). M. A. Krasnosel'skii, A. V. Pokrovskii, Systems with Hysteresis (1989).
+    `half_width` is one number, or one for each row (n,).
     """
-    return _bridged(lambda _, u: _play(u, half_width), value, value)
+    return _bridged(lambda r, u: _play(u, r), np.broadcast_to(half_width, value.shape), value)
 
 
 def slew(time_s: FloatArray, value: FloatArray, per_min: float) -> FloatArray:
@@ -144,7 +145,7 @@ def _lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray
     return lagged
 
 
-def _play(value: FloatArray, half_width: float) -> FloatArray:
+def _play(value: FloatArray, half_width: FloatArray) -> FloatArray:
     # A row clips the state to its own band, and two clips are one: bands of the last 1, 2, 4 … rows by doubling.
     low, high, reach = value - half_width, value + half_width, 1
     low[:1] = high[:1] = value[:1]
