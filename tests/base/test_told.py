@@ -26,6 +26,7 @@ WHOLE = (
     "acquisition/importer/doubts.py", "acquisition/importer/header.py", "acquisition/importer/loggers.py",
     "acquisition/importer/tables.py", "acquisition/importer/text.py", "acquisition/importer/values.py",
     "acquisition/station/doctor.py", "acquisition/station/wires.py", "analysis/diagnosis/experiment.py",
+    "acquisition/station/notices.py", "acquisition/station/settings/notify.py",
 )  # fmt: skip
 """Modules below `bench/` whose every sentence a page shows."""
 

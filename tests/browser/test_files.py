@@ -87,6 +87,7 @@ def test_who_may_not_change_a_file_reads_it_and_is_told_so(tmp_path, project, vi
         assert page.locator(".notice.bad").count() == 0
         page.goto("/laboratory?station=bare")
         page.get_by_text("Only engineers may change it.").first.wait_for()
+        assert page.get_by_text("Only engineers may change it.").count() == page.locator(".papers form").count() == 3
         assert page.locator(".papers form :is(input, select, button):enabled").count() == 0
         page.goto("/units")
         page.get_by_text("Building it now needs the role of an engineer.").wait_for()
@@ -139,6 +140,34 @@ def test_what_is_filled_in_for_a_laboratory_is_not_lost_without_a_question(addre
     page.wait_for_url("**/fleet")
     page.go_back()
     assert who.input_value() == "O. Petrenko"
+
+
+@pytest.mark.parametrize(
+    ("locale", "said"),
+    [("en-GB", "Recipient 1, Address (URL): apprise has no service 'foo://'; its documentation lists them"),
+     ("uk-UA", "Отримувач 1, Адреса (URL): apprise не має служби «foo://»; перелік є в її документації")],
+)  # fmt: skip
+def test_what_is_wrong_in_a_form_is_told_by_the_name_of_its_field_which_gets_the_focus(address, visitors, locale, said):
+    page = visitors.come(address, locale=locale)
+    visitors.of(page).forgives = re.compile("status of 400 .*/papers/")
+    page.goto("/laboratory?station=bare")
+    field = page.locator('[id="recipients.0.url"]')
+    page.locator('[id="recipients.0.name"]').fill("Olena")
+    field.fill("foo://x")
+    page.locator("form[aria-labelledby=notify] [type=submit]").click()
+    page.get_by_text(said).wait_for()
+    assert field.evaluate("field => field === document.activeElement")
+    if locale == "en-GB":
+        field.fill("jsons://localhost/x")
+        for kind in page.get_by_role("group", name="Is told of").get_by_role("checkbox").all():
+            kind.uncheck()
+        page.get_by_role("button", name="Save notices").click()
+        page.get_by_text("Recipient 1, Is told of: must have at least 1 of them").wait_for()
+        for name in ("name", "serial", "due"):
+            page.locator(f'[id="equipment.0.{name}"]').fill("2026-12-01")
+        page.locator('[id="equipment.0.uncertainty.0.value"]').fill("0.1")
+        page.get_by_role("button", name="Save reference equipment").click()
+        page.get_by_text("Instrument 1, Unit of the uncertainty: must be filled in").wait_for()
 
 
 def test_a_file_with_warnings_can_be_used_and_is_not_said_to_have_nothing_wrong(address, visitors):

@@ -61,8 +61,8 @@ def try_out(path: str) -> list[tuple[str, str]]:
     found = []
     for recipient, service in load_recipients(path):
         with apprise.LogCapture(level=logging.WARNING) as said:  # type: ignore[no-untyped-call]
-            taken = service.notify(body="This is a trial; nothing happened.", title="bench: trial", notify_type="info")
-            lines = [line.partition(" - WARNING - ")[2] or line for line in said.getvalue().splitlines()]
+            taken = service.notify(body="Trial: nothing happened.", title="bench: trial", notify_type="info")
+            lines = [line.partition("WARNING - ")[2] or line for line in said.getvalue().splitlines()]
         found.append((recipient.name, "" if taken else "; ".join(lines) or "not taken, without a reason"))
     return found
 

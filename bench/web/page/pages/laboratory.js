@@ -60,8 +60,8 @@ export default function Laboratory({ query }) {
     <${Trouble} error=${seen.error} />
     ${seen.papers && html`<${Form} key=${`laboratory ${chosen}`} kind="laboratory" station=${chosen} paper=${seen.papers.laboratory} empty=${{}} Fields=${LaboratoryFields} />
       <${Form} key=${`equipment ${chosen}`} kind="equipment" station=${chosen} paper=${seen.papers.equipment} empty=${{ equipment: [{}] }} Fields=${Instruments} />
-      ${may("engineer") && html`<${Form} key=${`notify ${chosen}`} kind="notify" station=${chosen} paper=${seen.papers.notify} empty=${{ recipients: [{}] }} Fields=${Recipients} />
-        <${Trial} key=${`trial ${chosen}`} station=${chosen} />`}`}
+      <${Form} key=${`notify ${chosen}`} kind="notify" station=${chosen} paper=${seen.papers.notify} empty=${{ recipients: [{}] }} Fields=${Recipients} />
+      ${may("engineer") && html`<${Trial} key=${`trial ${chosen}`} station=${chosen} />`}`}
   </div>`;
 }
 
@@ -97,6 +97,19 @@ const numbered = (content) => JSON.parse(JSON.stringify(content), (key, value) =
 const filled = (value, path = "") => (typeof value !== "object" || value === null ? (value === "" ? [] : [`${path} ${value}`])
   : Object.keys(value).sort().flatMap((key) => filled(value[key], `${path}.${key}`)));
 
+/** What the server says of a form: the path in the file that it begins with, a key that is missing there, or what is wrong. */
+const WRONG = /^([a-z_]+(?:\[\d+\]|\.[a-z_]+)*)(?:: missing key '(\w+)' .*|: | is .*?: (?=must ))(.*)$/s;
+
+/** The same in the words of the form, whose field gets the focus. */
+function inForm(form, error) {
+  const [, path, key, wrong] = WRONG.exec(error.message) ?? [];
+  const field = path && document.getElementById([path, key].filter(Boolean).join(".").replace(/\[(\d+)\]/g, ".$1"));
+  if (!field || !form.contains(field)) return error;
+  (field.matches("fieldset, [role]") ? field.querySelector("input") : field).focus();
+  const where = [field.closest("fieldset").querySelector(":scope > legend"), form.querySelector(`label[for="${field.id}"]`)?.firstChild ?? document.getElementById(field.getAttribute("aria-labelledby"))];
+  return { message: `${where.filter(Boolean).map((one) => one.textContent).join(sign(", "))}: ${key ? "must be filled in" : wrong}` };
+}
+
 function Form({ kind, station, paper: opened, empty, Fields }) {
   const [paper, setPaper] = useState({ ...opened, content: opened.content ?? empty });
   const [content, setContent] = useState(paper.content);
@@ -104,6 +117,7 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
   useUnsaved(filled(content).join("\n") !== filled(paper.content).join("\n"));
   const save = async (event) => {
     event.preventDefault();
+    const form = event.currentTarget;
     setState({ busy: true });
     try {
       const kept = await put(url`/stations/${station}/papers/${kind}`, { content: numbered(content), digest: paper.digest });
@@ -112,7 +126,7 @@ function Form({ kind, station, paper: opened, empty, Fields }) {
       setPaper({ ...kept, content: shown });
       setState({ saved: true });
     } catch (error) {
-      setState({ error });
+      setState({ error: inForm(form, error) });
     }
   };
   const change = (path, value) => {
@@ -146,8 +160,8 @@ const LaboratoryFields = ({ content, change }) => html`<div class="papers-fields
 
 function Instruments({ content, change }) {
   const tools = content.equipment ?? [];
-  return html`${tools.map((tool, index) => html`<fieldset key=${index}><legend>${t("papers.instrument", { n: index + 1 })}</legend>
-      <div class="papers-fields">${INSTRUMENT.map(([path, type, required]) => html`<${Field} key=${path} id=${`tool${index}.${path}`} type=${type} required=${required}
+  return html`${tools.map((tool, index) => html`<fieldset key=${index} id=${`equipment.${index}`}><legend>${t("papers.instrument", { n: index + 1 })}</legend>
+      <div class="papers-fields">${INSTRUMENT.map(([path, type, required]) => html`<${Field} key=${path} id=${`equipment.${index}.${path}`} type=${type} required=${required}
         label=${t(`papers.tool.${path}`)} value=${at(tool, path)} change=${(value) => change(`equipment.${index}.${path}`, value)} />`)}</div>
       ${tools.length > 1 && html`<button type="button" class="narrow" onClick=${() => change("equipment", tools.filter((_, other) => other !== index))}>${t("papers.remove")}<span class="unseen"> ${tool.name ?? ""}</span></button>`}
     </fieldset>`)}
@@ -160,10 +174,10 @@ const WHEN = ["end", "trip", "hold", "calibration"];
 function Recipients({ content, change }) {
   const people = content.recipients ?? [];
   return html`${people.map((person, index) => html`<fieldset key=${index}><legend>${t("notices.recipient", { n: index + 1 })}</legend>
-      <div class="papers-fields"><${Field} id=${`recipient${index}.name`} type="text" required label=${t("notices.name")} value=${person.name ?? ""} change=${(value) => change(`recipients.${index}.name`, value)} />
-        <div class="field"><label for=${`recipient${index}.url`}>${t("notices.url")}${!person.kept && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
-          <input id=${`recipient${index}.url`} type="password" autocomplete="new-password" spellcheck=${false} required=${!person.kept} placeholder=${person.kept ? t("notices.kept") : ""} aria-describedby="notices-like" value=${person.url ?? ""} onInput=${(event) => change(`recipients.${index}.url`, event.target.value)} /></div></div>
-      <div class="row" role="group" aria-label=${t("notices.when")}>${WHEN.map((kind) => html`<label key=${kind}><input type="checkbox" checked=${(person.when ?? WHEN).includes(kind)}
+      <div class="papers-fields"><${Field} id=${`recipients.${index}.name`} type="text" required label=${t("notices.name")} value=${person.name ?? ""} change=${(value) => change(`recipients.${index}.name`, value)} />
+        <div class="field"><label for=${`recipients.${index}.url`}>${t("notices.url")}${!person.kept && html`<span class="soft" aria-hidden="true"> *</span>`}</label>
+          <input id=${`recipients.${index}.url`} type="password" autocomplete="new-password" spellcheck=${false} required=${!person.kept} placeholder=${person.kept ? t("notices.kept") : ""} aria-describedby="notices-like" value=${person.url ?? ""} onInput=${(event) => change(`recipients.${index}.url`, event.target.value)} /></div></div>
+      <div class="row" role="group" id=${`recipients.${index}.when`} aria-labelledby=${`recipients.${index}.told`}><span id=${`recipients.${index}.told`}>${t("notices.when")}</span>${WHEN.map((kind) => html`<label key=${kind}><input type="checkbox" checked=${(person.when ?? WHEN).includes(kind)}
         onChange=${(event) => change(`recipients.${index}.when`, WHEN.filter((one) => (one === kind ? event.target.checked : (person.when ?? WHEN).includes(one))))} /> ${t(`notices.when.${kind}`)}</label>`)}</div>
       <button type="button" class="narrow" onClick=${() => change("recipients", people.filter((_, other) => other !== index))}>${t("papers.remove")}<span class="unseen"> ${person.name ?? ""}</span></button>
     </fieldset>`)}
