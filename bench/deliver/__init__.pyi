@@ -23,6 +23,7 @@ from .certificate.typeset import facts_text as facts_text
 from .certificate.typeset import require_typst as require_typst
 from .certificate.typeset import typeset_pdf as typeset_pdf
 from .export.building import undeliverable as undeliverable
+from .export.building import unheld as unheld
 from .export.delivering import Delivered as Delivered
 from .export.delivering import ExportOptions as ExportOptions
 from .export.delivering import files_of as files_of

@@ -27,6 +27,7 @@ WHOLE = (
     "acquisition/importer/tables.py", "acquisition/importer/text.py", "acquisition/importer/values.py",
     "acquisition/station/doctor.py", "acquisition/station/wires.py", "analysis/diagnosis/experiment.py",
     "acquisition/station/notices.py", "acquisition/station/settings/notify.py",
+    "deliver/export/building.py", "deliver/export/parts.py",
 )  # fmt: skip
 """Modules below `bench/` whose every sentence a page shows."""
 

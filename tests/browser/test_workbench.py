@@ -80,6 +80,7 @@ def test_the_hidden_effect_is_found_in_at_most_five_clicks_and_the_error_falls(p
     take_the_others(page)
     page.get_by_text("Effect missing", exact=True).wait_for()
     before = held_out(page)
+    page.locator(".wb-suspect", has_text="Aging").get_by_text("A unit cannot hold it: ").wait_for()
     page.get_by_role("button", name="Add: Aging").or_(page.get_by_role("button", name="Add Aging")).click()
     page.locator(".wb-fell").wait_for()
     assert held_out(page) < 0.5 * before

@@ -88,6 +88,9 @@ def test_the_hidden_effect_is_found_added_and_taken_back(client: httpx.Client, s
     assert suspect["effect"] in {"hysteresis", "creep"}
     assert suspect["partial"]["figure"]["data"]
     assert suspect["why"].startswith("Evidence")
+    unheld = {one["effect"]: one["unheld"] for one in found["suspects"]}
+    assert unheld["hysteresis"] == "", "as it is told of a model that is saved with it"
+    assert all("filter_s" in why for effect, why in unheld.items() if effect == "temperature_rate")
     brief = done(client, "/diagnoses", {"runs": [RUN], "model": SPLINE, "brief": True})
     undrawn = [{**one, "partial": None} for one in found["suspects"]]
     assert brief == {**found, "suspects": undrawn, "figures": {}, "next_experiment": None}
@@ -445,6 +448,13 @@ def test_who_saves_a_model_is_told_that_no_unit_can_hold_it_and_which_ones_a_uni
     assert {"polynomial", "spline"} <= {*named}
     assert not {"of_time", "expression", "scale_factor"} & {*named}
     assert client.post(f"{API}/models", json={"name": "held", "model": LOOP}).json()["undeliverable"] == ""
+    for needs, option in (
+        ({"effect": "temperature_rate"}, "filter_s"),
+        ({"effect": "creep", "initial": "free"}, "initial"),
+    ):
+        model = {"name": "x", "effects": [*SPLINE["effects"], needs]}
+        told = client.post(f"{API}/models", json={"name": needs["effect"], "model": model}).json()["undeliverable"]
+        assert option in told, "it is told now, not after the run"
     follows = {"name": "x", "effects": [*SPLINE["effects"], {"effect": "supply_voltage"}]}
     for runs, said in (([], ""), ([RUN], "this unit has no channel supply")):
         asked = {"name": "follows", "model": follows, "runs": runs}
@@ -576,10 +586,11 @@ def test_a_suspect_tells_everything_that_comes_with_it() -> None:
         model_from({"name": "m", "effects": [{"polynomial": {"order": 2}}, *more, "temperature_rate"]})
         for more in ((), ("warm_up",))
     )
+    data: Any = [SimpleNamespace(channels={"temperature"})]
     for after, coming in ((alone, ["temperature_rate"]), (both, ["warm_up", "temperature_rate"])):
         suspect = SuspectedEffect("temperature_rate", {}, True, 9.0, 0.0, 2.0, 1.0, 1.0, {}, (), (), after, ())
         found: Any = SimpleNamespace(model=model, threshold=7.0)
-        told_of = diagnosing._pictured((), found, suspect, brief=True)
+        told_of = diagnosing._pictured(data, found, suspect, brief=True)
         assert [effect["effect"] for effect in told_of["add"]] == coming
     script = (
         "const [before, after] = page.change(page.stateOf(''), { type: 'add', effects: given }).steps;"

@@ -85,7 +85,9 @@ def refuse_undeliverable(
                     "hysteresis: shape bouc_wen needs an exponential at each step, which the image cannot contain; fit "
                     "shape play (count 3 to 5 follows a smooth loop)"
                 )
-        elif effect.name not in {"temperature_rate", "creep"}:
+        elif effect.name in {"temperature_rate", "creep"}:
+            _refuse_behind(effect)
+        else:
             parts_of(effect)
 
 
@@ -93,10 +95,17 @@ def undeliverable(model: Model, project: Path = Path(), channels: Collection[str
     """Why no unit, or none with these `channels`, can evaluate a model, with the named models that one can at rest;
     empty where one can.
     """
+    if why := unheld(model, channels=channels):
+        return f"{why}; models that a unit can hold: {', '.join(_deliverable(project, channels)) or 'none'}"
+    return ""
+
+
+def unheld(model: Model, effects: Sequence[Effect] | None = None, channels: Collection[str] | None = None) -> str:
+    """Why no unit, or none with these `channels`, can evaluate these `effects` of a model; empty where one can."""
     try:
-        refuse_undeliverable(model, channels=channels)
+        refuse_undeliverable(model, effects, channels)
     except InputError as error:
-        return f"{error}; models that a unit can hold: {', '.join(_deliverable(project, channels)) or 'none'}"
+        return str(error)
     return ""
 
 
@@ -290,18 +299,22 @@ class _Builder:
         return float(np.nanmin(rows)), float(np.nanmax(rows))
 
 
-def _behind_of(effect: Effect, theta: Theta) -> tuple[float, float]:
-    """Time constant [s] and the column's value per degC that the filter is above the temperature."""
-    if effect.name == "creep":
-        if getattr(effect, "initial", "settled") != "settled":
-            raise InputError("creep: a free initial state is specific to one run; fit `initial: settled`")
-        return 3600.0 * theta["tau_h"], 1.0
-    filter_s = float(getattr(effect, "filter_s", 0.0))
-    if not filter_s:
+def _refuse_behind(effect: Effect) -> None:
+    """InputError for an option of such an effect with which it is no difference from a filtered temperature."""
+    if effect.name == "creep" and getattr(effect, "initial", "settled") != "settled":
+        raise InputError("creep: a free initial state is specific to one run; fit `initial: settled`")
+    if effect.name == "temperature_rate" and not getattr(effect, "filter_s", 0.0):
         raise InputError(
             "temperature_rate: its central slope needs data of the next half minute, which a unit does not have; "
             "fit it with filter_s: 30"
         )
+
+
+def _behind_of(effect: Effect, theta: Theta) -> tuple[float, float]:
+    """Time constant [s] and the column's value per degC that the filter is above the temperature."""
+    if effect.name == "creep":
+        return 3600.0 * theta["tau_h"], 1.0
+    filter_s = float(getattr(effect, "filter_s", 0.0))
     return filter_s, -60.0 / filter_s
 
 

@@ -30,6 +30,7 @@ from bench.deliver import (
     residual_map,
     summary_of,
     suspects_by_leg,
+    unheld,
 )
 from bench.record import Dataset, slug, write_atomically
 from bench.web.workbench import computing
@@ -90,13 +91,18 @@ def _pictured(data: Sequence[Dataset], found: Diagnosis, suspect: SuspectedEffec
         "add": [*(entry for entry in effects[:-1] if entry["effect"] not in known), effects[-1]],
         "partial": _partial(data[0], found, suspect) if suspect.shape and not brief else None,
         "family": suspect.model.effects[-1].family,
+        "unheld": unheld(suspect.model, suspect.model.effects[-1:], data[0].channels),
     }
 
 
 def drawn(data: Dataset, model: Model, formula: DescribedFormula, brief: bool = False) -> dict[str, Any]:
     """Content of a page about a formula for `model`: what adds it, with the effects beside it, and its picture."""
     added = formula.model.effects[-1]
-    answer: dict[str, Any] = {"add": model_json(formula.model)["effects"][len(model.effects) :], "partial": None}
+    answer: dict[str, Any] = {
+        "add": model_json(formula.model)["effects"][len(model.effects) :],
+        "partial": None,
+        "unheld": unheld(formula.model, (added,), data.channels),
+    }
     if formula.residuals and formula.contribution and not brief:
         x, shape = coordinate(data, added), formula.contribution[0]
         caption = said("formula", formula=formula.formula, over={"label": x.title})

@@ -46,6 +46,9 @@ function Gain({ suspect, found }) {
 /** What comes with a suspect or a formula: it was judged beside these. */
 const Beside = ({ effects }) => effects.length > 0 && html`<p>${t("workbench.formula.beside", { effects: effects.map(effectWord).join(", ") })}</p>`;
 
+/** Whether a unit's memory can hold a suspect or a formula. */
+const Held = ({ unheld }) => html`<p class="wb-soft">${unheld ? html`${t("workbench.suspect.unheld")} <${Said} text=${unheld} />` : `✓ ${t("workbench.suspect.held")}`}</p>`;
+
 function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }) {
   const name = effectWord(suspect.effect);
   const whole = suspect.found || picked;
@@ -62,6 +65,7 @@ function Suspect({ suspect, first, found, most, busy, picked, onAdd, onPicture }
     ${whole && html`<${Gain} suspect=${suspect} found=${found} />
       <${Beside} effects=${suspect.add.slice(0, -1).map(({ effect }) => effect)} />
       <${Parameters} parameters=${suspect.parameters} />
+      <${Held} unheld=${suspect.unheld} />
       <p class="wb-soft">${or(`workbench.summary.${suspect.effect}`, suspect.summary)}</p>`}
     ${suspect.look_alikes.length > 0 && html`<p class="wb-warn">⇄ ${t("workbench.suspect.look_alikes", { effects: joined(suspect.look_alikes.map(effectWord)) })}</p>`}
   </li>`;
@@ -85,6 +89,7 @@ function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>${sign(", ")}
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}</p>
     <${Beside} effects=${one.beside} />
+    <${Held} unheld=${one.unheld} />
     <p class="wb-soft"><${Said} text=${[one.words, one.like].filter(Boolean).join("; ")} /></p>
     ${one.equivalent.slice(0, 3).map((text) => html`<p key=${text} class="wb-warn">⇄ <code>${effectsWord(text)}</code></p>`)}
     ${one.caution && html`<p class="wb-warn"><${Said} text=${one.caution} /></p>`}
