@@ -548,4 +548,7 @@ def test_the_fleet_page_shows_what_models_lack_by_lot(tmp_path, visitors):
         picture(page, "fleet-lacks")
         page.get_by_role("button", name="Diagnose the units that were not yet").click()
         page.locator(".findings li", has_text="L0-").first.wait_for()
+        page.goto("/fleet?until=2026-03-02")
+        page.get_by_text("Too few units to test: a station needs eight").wait_for()
+        assert page.get_by_text("No significant change").count() == 0
         page.context.close()

@@ -559,6 +559,8 @@ def test_a_view_keeps_gaps_and_extremes(tmp_path: Path) -> None:
     assert np.nanmax(shown.high) == 99.0
     assert np.isnan(shown.bias[(shown.time > 62) & (shown.time < 78)]).all()
     assert json.dumps(shown.of) == '"1 s means"'
+    logged = Dataset("x", 10 * time, {"rate": rate, "temperature": time}, np.zeros(100, dtype=int), interval_s=1.0)
+    assert np.isfinite(view(logged, tmp_path / "none", (None, None), 300, None).bias).all(), "10 s from row to row"
 
 
 def test_a_formula_is_added_with_the_effects_that_it_stands_beside_in_one_step(store: Path) -> None:

@@ -162,3 +162,15 @@ def test_steps_with_formulas_are_told_apart_by_them() -> None:
     assert labels[3] == "− k * t"
     assert labels[2].startswith("k * time ")
     assert labels[2].endswith(" k * t")
+
+
+def test_a_step_is_told_by_what_it_added_and_not_by_an_option_that_the_data_chose_again() -> None:
+    effects = [{"effect": "spline", "intervals": 13}, {"effect": "thermal_lag"}]
+    actions = [
+        {"type": "add", "model": {"name": "spline + thermal_lag", "effects": effects}, "effects": effects[1:]},
+        {"type": "edit", "index": 0, "option": "intervals", "value": 8},
+    ]
+    script = f"const {{ steps }} = given.reduce(page.change, page.stateOf('')); console.log(JSON.stringify({LABELS}))"
+    _, added, edited = told("pages/workbench/state.js", script, actions)
+    assert added == "+ thermal lag"
+    assert "8" in edited

@@ -138,6 +138,9 @@ def _capability_row(one: Measured) -> Row:
 def _drift(found: Statistics) -> Section:
     moved = [one for one in found.drifts if one.significant]
     tested = f"{len(found.drifts)} changes were tested; the table has those with p < {SIGNIFICANT:g} after Holm."
+    if not found.drifts:
+        few = "Too few units to test: a station needs eight, and two lots need three each."
+        return Section("drift", "Drift of stations and lots", lead(few))
     if not moved:
         return Section("drift", "Drift of stations and lots", lead("Chance explains all of them.") + paragraph(tested))
     rows = [

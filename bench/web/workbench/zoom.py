@@ -60,24 +60,26 @@ def view(
         time, bias, temperature = read
         if EARTH in base.channels:
             bias = bias - np.interp(time, base.time, base.channels[EARTH])
-        step = float(np.median(np.diff(time))) if time.size > 1 else width
         known = None if fitted is None else np.interp(time, base.time, fitted)
-        # Half a step before the first, so that a sample with jitter remains in its bin.
-        return _binned((time, bias, temperature, known), float(time[0]) - step / 2, max(width, step), "samples")
+        return _binned((time, bias, temperature, known), width, 0.0, "samples")
     rows = (base.time >= begin) & (base.time <= end)
     if not rows.any():
         raise InputError(f"{base.name}: nothing was captured from {begin:g} to {end:g} s")
     known = None if fitted is None else fitted[rows]
     columns = base.time[rows], base.bias[rows], base.channel("temperature")[rows], known
-    at = float(columns[0][0]) - base.interval_s / 2
-    return _binned(columns, at, max(width, base.interval_s), f"{base.interval_s:g} s means")
+    return _binned(columns, width, base.interval_s, f"{base.interval_s:g} s means")
 
 
 def _binned(
-    columns: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None], begin: float, interval: float, of: str
+    columns: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None], width: float, least: float, of: str
 ) -> View:
-    """Means of equal bins, extremes of the bias; a bin without a row in the middle of the range is a gap."""
+    """Means of bins of `width` [s], extremes of the bias; a bin without a row in the middle of the range is a gap.
+
+    No bin is shorter than a step of the rows, which another program may have logged at long steps, or than `least`.
+    """
     time, bias, temperature, fitted = columns
+    step = max(least, float(np.median(np.diff(time))) if time.size > 1 else 0.0)
+    begin, interval = float(time[0]) - step / 2, max(width, step)  # a row with jitter remains in its bin
     which = np.floor((time - begin) / interval).astype(np.int64)
     starts = np.flatnonzero(np.diff(which, prepend=which[0] - 1))
     filled = which[starts] - which[0]

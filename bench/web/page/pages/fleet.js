@@ -118,6 +118,7 @@ function Failures({ fleet }) {
 }
 
 function Drifts({ fleet }) {
+  if (!fleet.tested) return html`<p class="soft">${t("fleet.untested")}</p>`;
   const tested = t("fleet.tested", { n: fleet.tested });
   if (!fleet.drifts.length) return html`<p>${t("fleet.no_drift")}${sign(" ")}<span class="soft">${tested}</span></p>`;
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>

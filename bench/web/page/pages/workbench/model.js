@@ -59,7 +59,7 @@ function Save({ model, runs, onSaved }) {
     if (!FILE_NAME.test(name)) return setMessage({ good: false, text: t("files.name_wrong") });
     try {
       const { undeliverable } = await api.post("/models", { name, model: { ...model, name }, runs });
-      setMessage({ good: true, text: t("workbench.model.saved", { name }), undeliverable });
+      setMessage({ good: true, name, undeliverable });
       onSaved();
     } catch (error) {
       setMessage({ good: false, text: error.status === 409 ? t("workbench.model.name_used", { name }) : error.message });
@@ -72,7 +72,7 @@ function Save({ model, runs, onSaved }) {
       <input id="wb-model-name" type="text" value=${given} placeholder="my_model" spellcheck=${false} autocomplete="off" onInput=${(event) => setGiven(event.target.value)} />
       <button type="submit" class="narrow" disabled=${!given.trim()}>${t("workbench.model.save")}</button>
     </div>
-    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && (message.good ? `✓ ${message.text}` : html`✕ <${Said} text=${message.text} />`)}
+    <p role="status" class=${message?.good ? "wb-good" : "wb-bad"}>${message && (message.good ? `✓ ${t("workbench.model.saved", message)}` : html`✕ <${Said} text=${message.text} />`)}
       ${message?.undeliverable === "" && html`<br /><a href="/files?kind=plans">${t("workbench.model.plan")}</a>`}</p>
     ${message?.undeliverable && html`<p class="wb-warn" role="status">${t("workbench.model.undeliverable")} <${Said} text=${message.undeliverable} whole /></p>`}
   </form>`;

@@ -16,9 +16,14 @@ const own = ({ effects }, other) => effects.filter((effect) => !other.effects.so
 export function labelOf(model, before) {
   if (!before) return [model.name];
   const [fresh, gone] = [own(model, before), own(before, model)];
-  const edited = fresh.length === gone.length && fresh.every(({ effect }, i) => effect === gone[i].effect);
-  const changes = (effect, i) => Object.entries(effect).filter(([name, value]) => !same(value, gone[i][name])).flatMap(([option, value]) => [{ option }, written(value)]);
-  const label = edited ? fresh.flatMap((effect, i) => [termOf(gone[i]), ...changes(effect, i)]) : [...fresh.flatMap((one) => ["+", termOf(one)]), ...gone.flatMap((one) => ["−", termOf(one)])];
+  const edited = fresh.flatMap((effect) => {
+    const at = gone.findIndex((old) => old.effect === effect.effect);
+    return at < 0 ? [] : [[effect, ...gone.splice(at, 1)]];
+  });
+  const come = fresh.filter((effect) => !edited.some(([one]) => one === effect));
+  const changes = ([effect, old]) => Object.entries(effect).filter(([name, value]) => !same(value, old[name])).flatMap(([option, value]) => [{ option }, written(value)]);
+  // Options that the data chose again beside what came or went are not what the step is about.
+  const label = come.length || gone.length ? [...come.flatMap((one) => ["+", termOf(one)]), ...gone.flatMap((one) => ["−", termOf(one)])] : edited.flatMap((pair) => [termOf(pair[1]), ...changes(pair)]);
   return label.length ? label : [model.name];
 }
 
