@@ -600,6 +600,7 @@ def test_slots_ask_which_number_is_meant_and_go_on(site, visitors):
     page.goto("/")
     page.get_by_role("region", name="Four units").get_by_role("button", name="Fill 4 slots").click()
     page.get_by_role("button", name="Next").wait_for()
+    page.get_by_role("heading", name="A unit in each slot of Four units").wait_for()
     page.keyboard.type("GX-7GX-7\n")
     page.get_by_role("button", name="GX-7", exact=True).click()
     page.keyboard.type("GX-8GX-8\n")

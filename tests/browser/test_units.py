@@ -174,9 +174,15 @@ def test_every_point_of_a_chart_is_reached_by_keyboard_with_its_unit_value_and_d
     assert re.search(r"2026.*\s+\S*\d", trend.get_by_role("row").nth(1).inner_text())
 
 
+DATES_APART = """(figure) => {
+  const at = [...figure.querySelectorAll(".xtick text")].map((date) => date.getBoundingClientRect());
+  return figure.querySelector(".main-svg").clientWidth < 390 && at.length > 1 && at.every(({ left }, i) => !i || left > at[i - 1].right);
+}"""
+
+
 def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chosen(page):
     passed = np.arange(48) % 9 > 0
-    chart = {"name": "yield", "figure": yields(np.arange(48) * 1e5, passed), "histogram": None, "units": [], "runs": [],
+    chart = {"name": "yield", "figure": yields(np.arange(48) * 2e4, passed), "histogram": None, "units": [], "runs": [],
              "signals": [], "all": 48}  # fmt: skip
 
     def judged(route):
@@ -192,6 +198,9 @@ def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chos
     page.goto("/fleet?q=L")
     drawn = page.get_by_role("group", name="First-pass yield of 48 judged units")
     drawn.locator(".scatterlayer .points path").first.wait_for()
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.wait_for_function(DATES_APART, arg=drawn.element_handle())
+    page.set_viewport_size({"width": 1366, "height": 768})
     assert page.locator(".st-tile", has_text="Least Cpk").get_by_text("far from normal").count() == 1
 
 

@@ -6,6 +6,8 @@ import { savePng, saveSvg } from "./download.js";
 
 /** @type {[number, number]} */
 const EXPORT_SIZE = [1200, 700];
+/** Width that a date below an axis takes, with what is between it and the next one. */
+const DATE_PX = 110;
 const CONFIG = { displayModeBar: false, responsive: false, doubleClick: false, showTips: false };
 const KEY_STEP = 0.2;
 const KEYS = ["ArrowLeft", "ArrowRight", "+", "=", "-", "0", "Home"];
@@ -122,6 +124,7 @@ export class Drawn {
     if (!figure || !this.place.isConnected) return;
     // Plotly changes its input, and the answer may be cached: it gets a copy, which this is.
     const { data, layout } = recoloured(figure);
+    if (layout.xaxis?.type === "date") layout.xaxis = { ...layout.xaxis, nticks: Math.max(2, Math.min(layout.xaxis.nticks || Infinity, Math.floor(this.place.clientWidth / DATE_PX))) };
     const line = this.mark === null ? [] : [{ type: "line", xref: "x", yref: "paper", x0: this.mark, x1: this.mark, y0: 0, y1: 1, line: { width: 1.5, dash: "dot", color: palette().ink } }];
     await Plotly.react(this.place, data, { ...themed(layout, palette(), this.zoom), shapes: [...(layout.shapes ?? []), ...line] }, CONFIG);
     if (!this.zoom.xaxis) this.whole = this.place.layout.xaxis?.range?.slice();

@@ -2,6 +2,7 @@
 import { useTyping } from "../../lib/parts.js";
 import { html, useRef, useState } from "../../lib/preact.js";
 import { badge, session } from "../../lib/store.js";
+import { stationName } from "../../lib/names.js";
 import { inSlot, repeated, same } from "../../lib/units.js";
 import { t } from "../../lib/words.js";
 
@@ -68,7 +69,7 @@ export function SlotsForm({ station, answer, back }) {
     submit({ preventDefault() {}, submitter: null });
   };
   return html`<form class="slots" ref=${form} onSubmit=${submit} aria-labelledby="slots-title">
-    <h2 id="slots-title">${t("start.slots_title", { station: station.title })}</h2>
+    <h2 id="slots-title">${t("start.slots_title", { station: stationName(station.title) })}</h2>
     <p class="soft" id="slots-hint">${t("start.slots_hint")}</p><${NoBadge} />
     ${station.units.map((slot) => html`<div key=${slot} class="field"><label for=${`slot-${slot}`}>${t("start.slot", { slot })}</label>
       <input id=${`slot-${slot}`} class="mono" autocomplete="off" autocapitalize="characters" spellcheck=${false} maxlength="64" aria-describedby="slots-hint" value=${serials[slot] ?? ""}
