@@ -176,7 +176,8 @@ def test_every_point_of_a_chart_is_reached_by_keyboard_with_its_unit_value_and_d
 
 DATES_APART = """(figure) => {
   const at = [...figure.querySelectorAll(".xtick text")].map((date) => date.getBoundingClientRect());
-  return figure.querySelector(".main-svg").clientWidth < 390 && at.length > 1 && at.every(({ left }, i) => !i || left > at[i - 1].right);
+  const narrow = figure.querySelector(".main-svg").clientWidth < 390;
+  return narrow && at.length > 1 && at.every(({ left }, i) => !i || left > at[i - 1].right);
 }"""
 
 
