@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.analysis import DescribedFormula, load_model, model_from
+from bench.analysis import DescribedFormula, Noise, load_model, model_from
 from bench.analysis.diagnosis.answer import SuspectedEffect
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
@@ -30,7 +30,7 @@ from bench.record import Dataset, NotesRecord, prove
 from bench.record.reading import load
 from bench.web.ground.settings import Settings
 from bench.web.people.access import Access
-from bench.web.workbench import diagnosing
+from bench.web.workbench import captions, diagnosing, drawing
 from bench.web.workbench.zoom import view
 from tests.support import run_folders
 from tests.support.page_modules import told
@@ -681,3 +681,10 @@ def test_a_diagnosis_is_said_in_the_language_of_the_page(client: httpx.Client) -
     for sentence in (text for case in chinese for text in case):
         assert re.search("[\u4e00-\u9fff]", sentence)
         assert not re.search(rf"[{{}}]|undefined|{LATIN}", sentence.replace("RMS", "")), sentence
+
+
+def test_a_noise_that_the_data_cannot_tell_from_zero_is_told_by_its_bound_as_in_the_report() -> None:
+    noise = Noise(0.01, 0.0, 0.2, intervals={"flicker": (0.0, 0.04)}, undetermined=("flicker",))
+    assert drawing._size(noise, "white") == 0.01
+    parts = captions.said("noise", white=0.01, flicker=drawing._size(noise, "flicker"), walk=0.2)
+    assert "flicker below 0.0400 deg/h" in captions.english(parts)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import error_of
+from bench.analysis import Noise, error_of
 from bench.analysis import ladder as usual_models
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.deliver import (
@@ -336,10 +336,17 @@ def allan(drawing: Drawing) -> Figure:
     if not floor.curves:
         raise InputError(f"no Allan deviation: {floor.reason}; name an isothermal run of the unit as the static run")
     plot = allan_figure(floor.curves, floor.noise)
-    noise = floor.noise
-    parts = [] if noise is None else [said("noise", white=noise.white, flicker=noise.flicker, walk=noise.walk)]
+    sizes = ("white", "flicker", "walk")
+    parts = [] if floor.noise is None else [said("noise", **{name: _size(floor.noise, name) for name in sizes})]
     caption = said("allan", names=[name for name, _ in floor.curves])
     return captioned(plot, [caption, *parts, floor_said(floor.floor_dph)])
+
+
+def _size(noise: Noise, name: str) -> float | Said:
+    """A coefficient of the noise; where the data cannot tell it from zero, what it is below, as the report says it."""
+    if name not in noise.undetermined:
+        return float(getattr(noise, name))
+    return said("below", value=noise.intervals.get(name, (np.nan, np.nan))[1])
 
 
 def ladder(drawing: Drawing) -> Figure:
