@@ -75,10 +75,10 @@ def named(text: str, *runs: Run) -> str:
 
 
 @lru_cache(maxsize=16)
-def floor(runs: Runs, static: Run | None, interval_s: float = DEFAULT_INTERVAL_S) -> Floor:
-    """Noise floor of these runs, computed as in all commands."""
+def floor(runs: Runs, static: Run | None, interval_s: float = DEFAULT_INTERVAL_S, *, intervals: bool = False) -> Floor:
+    """Noise floor of these runs, computed as in all commands; with the `intervals` of its parts where they are told."""
     still = dataset(static, FINE_S) if static else None
-    return noise_floor([dataset(run, FINE_S) for run in runs], interval_s, still, intervals=False)
+    return noise_floor([dataset(run, FINE_S) for run in runs], interval_s, still, intervals=intervals)
 
 
 @lru_cache(maxsize=64)

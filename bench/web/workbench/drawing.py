@@ -332,7 +332,7 @@ def _axes_of_all(drawing: Drawing) -> Figure:
 
 def allan(drawing: Drawing) -> Figure:
     """Allan deviation of the isothermal data, and the noise floor from it."""
-    floor = computing.floor(drawing.runs, drawing.static)
+    floor = computing.floor(drawing.runs, drawing.static, intervals=True)
     if not floor.curves:
         raise InputError(f"no Allan deviation: {floor.reason}; name an isothermal run of the unit as the static run")
     plot = allan_figure(floor.curves, floor.noise)
