@@ -212,6 +212,7 @@ def test_a_run_that_was_aborted_or_is_invalid_is_no_calibration(tmp_path, state,
     assert (after["calibrated"], after["calibrations"], after["runs"]) == (earlier, 4, 6)
     assert (before["standing"], after["standing"]) == ("fail", "pass")
     assert len(unit["calibrations"]) == unit["of"]["calibrations"] == 4
+    assert {trend["of"] for trend in unit["trends"]} == {4}, "nor is it a point of a trend"
     assert (unit["runs"][0]["state"], unit["runs"][0]["judged"]) == (state, word)
 
 

@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from bench.archive.fleet.history import Archive
 from bench.archive.registry.asking import rows_of
 from bench.archive.registry.opening import Registry
+from bench.archive.registry.summaries import calibrates
 from bench.base import InputError, in_print
 from bench.deliver import CYCLE, VERMILION, Plot, axis, level_line, plot
 from bench.record import JudgedQuantity, LimitsRecord
@@ -29,11 +30,11 @@ Found = dict[str, Any]
 
 
 def trends(registry: Registry, archive: Archive, runs: Sequence[Mapping[str, Any]]) -> list[Found]:
-    """Every quantity of these runs of one unit, with its points in order of time, its limits and its change."""
+    """Every quantity of one unit's calibrations, with its points in order of time, its limits and its change."""
     limits = _limits(archive, runs)
     points: dict[str, list[Found]] = {}
     units: dict[str, str] = {}
-    by_id = {f"{run['archive']}/{run['path']}": run for run in runs}
+    by_id = {f"{run['archive']}/{run['path']}": run for run in runs if calibrates(run, run["judged"])}
     for row in rows_of(registry, "quantities", list(by_id)):
         run = by_id[row["run"]]
         point = {"run": run["path"], "created": run["created"], "profile": run["profile"], "value": row["value"]}

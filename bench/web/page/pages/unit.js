@@ -78,7 +78,7 @@ function Trends({ unit }) {
   const [chosen, choose] = useState(unit.trends[0]?.name);
   const one = unit.trends.find((trend) => trend.name === chosen);
   const { data, error, again } = useGet(one ? url`/units/${unit.serial}/trends/${chosen}` : null);
-  if (!one) return html`<p class="soft">${t("units.trends.none")}</p>`;
+  if (!one) return html`<p class="soft">${t("units.tile.no_calibration")}</p>`;
   const words = t("units.trends.words", { name: quantityWord(one.name), n: one.of, last: `${sig(one.last)} ${symbols(one.unit)}` });
   return html`<div class="st-two">
     <div class="scroll st-scroll" tabindex="0" role="region" aria-label=${t("units.quantity")}><table class="st-table st-quantities">
