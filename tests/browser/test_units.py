@@ -205,7 +205,7 @@ def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chos
     assert page.locator(".st-tile", has_text="Least Cpk").get_by_text("far from normal").count() == 1
 
 
-def test_a_station_that_drifts_is_not_named_again_for_its_shift(page):
+def test_what_needs_attention_is_named_and_a_station_that_drifts_not_again_for_its_shift(page):
     drift = {"kind": "station", "place": "station-B", "quantity": "noise_floor_dph", "change": 0.001, "error": 0.0001,
              "p": 0.001, "count": 20, "unit": "deg/h"}  # fmt: skip
     shifts = [{"place": place, "quantity": "noise_floor_dph", "chart": "cusum", "change": 0.005, "since": "L0-0020",
@@ -216,7 +216,9 @@ def test_a_station_that_drifts_is_not_named_again_for_its_shift(page):
         answer = route.fetch()
         fleet = answer.json()
         fleet |= {"drifts": [drift], "shifts": shifts}
-        fleet["attention"] = {**fleet.get("attention", {}), "stations": ["station-B"], "shifted": ["station-A"]}
+        units = {"outside": 1, "outside_units": ["L0-0003"], "unjudged": 8,
+                 "unjudged_units": [f"L1-004{n}" for n in range(6)]}  # fmt: skip
+        fleet["attention"] |= {"stations": ["station-B"], "shifted": ["station-A"], **units}
         route.fulfill(response=answer, json=fleet)
 
     page.route("**/api/v1/fleet?*", moved)
@@ -224,6 +226,9 @@ def test_a_station_that_drifts_is_not_named_again_for_its_shift(page):
     lines = page.locator(".st-attention li")
     lines.filter(has_text=re.compile("^Drifting stations: station-B$")).wait_for()
     lines.filter(has_text=re.compile("^Shifted stations: station-A$")).wait_for()
+    lines.filter(has_text="8 units are not judged").filter(has_text="L1-0045 and 2 more").wait_for()
+    lines.get_by_role("link", name="L0-0003").click()
+    page.wait_for_url("**/units/L0-0003")
 
 
 def test_a_shift_of_a_station_has_its_day_and_what_no_cpk_is_known_of_has_none(page):
@@ -267,14 +272,31 @@ def test_a_point_of_a_chart_is_named_and_opens_its_run(page):
     page.goto("/fleet?q=L")
     page.get_by_role("button", name="Angle random walk").click()
     drawn = page.get_by_role("group", name="Angle random walk of 48 units")
-    drawn.locator(".scatterlayer .points path").first.wait_for()
+    point = drawn.locator(".scatterlayer .trace").first.locator(".points path").nth(5)  # it breaks no rule
+    point.wait_for()
     drawn.scroll_into_view_if_needed()
-    box = drawn.locator(".scatterlayer .points path").first.bounding_box()
+    box = point.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    drawn.locator(".hovertext", has_text="L0-0020 · L0 · station-A").first.wait_for()
+    drawn.locator(".hovertext", has_text="L0-0005 · L0 · station-B").first.wait_for()
     page.mouse.down()
     page.mouse.up()
-    page.wait_for_url("**/verdict/L0-0020/*")
+    page.wait_for_url("**/verdict/L0-0005/*")
+
+
+def test_a_point_is_named_in_the_readers_language(page):
+    def without_lot(route):
+        chart = route.fetch().json()
+        chart["figure"]["data"][0]["text"][5] = "L0-0005 · no lot · unknown · 2026-03-02 UTC"
+        route.fulfill(json=chart)
+
+    page.route("**/api/v1/fleet/charts/angle_random_walk_dprh?*", without_lot)
+    page.goto("/fleet?q=L")
+    page.locator(".bar select").select_option("uk")
+    drawn = page.get_by_role("group", name="Випадкове блукання кута: 48")
+    drawn.locator(".main-svg").first.wait_for()
+    said = "L0-0005 · без партії · стенд не названо · 2026-03-02 UTC"
+    assert drawn.evaluate("(plot) => plot.data[0].text[5]") == said
+    assert page.get_by_text(said).count() == 1, "in the table beside it, too"
 
 
 def table(path):

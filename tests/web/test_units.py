@@ -228,6 +228,7 @@ def test_units_that_cannot_be_judged_are_not_counted_as_rejects(tmp_path):
         fleet = client.get(f"{API}/fleet", params={"limits": "wider"}).json()
     assert (fleet["yield"]["judged"], fleet["yield"]["unjudged"]) == (0, 12)
     assert (fleet["attention"]["outside"], fleet["attention"]["unjudged"]) == (0, 12)
+    assert fleet["attention"]["unjudged_units"][0] == "L0-0011", "the newest first"
     assert fleet["missing"] == ["condition"]
 
 

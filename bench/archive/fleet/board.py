@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,12 +15,14 @@ from bench.archive.fleet.charts import Chart
 from bench.archive.fleet.page import GOOD_CPK
 from bench.archive.fleet.selection import profile_of
 from bench.archive.fleet.statistics import Measured, Statistics, to_csv
-from bench.archive.fleet.units import Calibrated
+from bench.archive.fleet.units import Calibrated, decided, good
 
 DISTANCES = "distances"
 """Name of the figure of all units against their lots."""
 YIELD = "yield"
 """Name of the figure of the first-pass yield over time."""
+_MOST_NAMED = 6
+"""Units that are named among those that fail or are not judged."""
 
 Found = dict[str, Any]
 
@@ -59,12 +63,20 @@ def _attention(found: Statistics) -> Found:
         "silent": found.silent,
         "outside": found.passes.outside,
         "unjudged": found.passes.unjudged,
+        "outside_units": _units(found, lambda word: decided(word) and not good(word)),
+        "unjudged_units": _units(found, lambda word: word is not None and not decided(word)),
         "stations": found.drifted("station"),
         "shifted": found.shifted(),
         "lots": found.drifted("lot"),
         "odd": [found.fleet.newest[one.row].unit for one in found.odd],
         "beyond": found.beyond,
     }
+
+
+def _units(found: Statistics, of: Callable[[str | None], bool]) -> list[str]:
+    """The newest units with such a verdict."""
+    rows = reversed(range(len(found.words)))
+    return [found.fleet.newest[row].unit for row in islice((row for row in rows if of(found.words[row])), _MOST_NAMED)]
 
 
 def drawn(found: Statistics) -> dict[str, Found]:

@@ -35,6 +35,8 @@ UNITS = "unit, in order of time"
 MOST = 4000
 """Units in a figure, the newest: more cannot be told apart."""
 _MOST_BARS = 60
+_MOST_DOTS = 200
+"""Units in a control chart whose points are drawn on its line."""
 MOST_PERIODS = 31
 """Days, or weeks, beyond which a yield is told by the next longer period."""
 
@@ -42,10 +44,11 @@ MOST_PERIODS = 31
 def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, float | None]) -> Plot:
     """Individual values with three sigma and the limits of the product; below, moving ranges."""
     number = _numbers(drawn.values.size)
+    style = {"mode": "lines+markers", "marker": {"size": 5}} if drawn.values.size <= _MOST_DOTS else {}
     marked: list[int] = sorted({signal.index for signal in drawn.signals})
     low, high = drawn.limits
     traces = [
-        line_trace(number, drawn.values, name, BLUE, width=1.2),
+        line_trace(number, drawn.values, name, BLUE, width=1.2).update(style),
         dot_trace(number[marked], drawn.values[marked], "breaks a rule", VERMILION, size=8, opacity=1.0),
         line_trace(number[1:], drawn.ranges, "moving range", GREY, yaxis="y2", width=1.2),
     ]

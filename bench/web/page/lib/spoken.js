@@ -1,5 +1,5 @@
 // Figures and captions of the server in the reader's language: labels, units, hovers, numbers.
-import { lotName, planTitle, runTitle } from "./names.js";
+import { lotName, planTitle, runTitle, stationName } from "./names.js";
 import { degrees, effectWord, known, language, quantityWord, sig, sign, symbols, t } from "./words.js";
 
 /** Letters of a title beside a third of a figure. */
@@ -100,10 +100,16 @@ function dated({ data, layout }) {
   return { data: data.map((trace) => ({ ...trace, x: trace.x.map(local) })), layout: { ...layout, xaxis } };
 }
 
+/** What names a unit's point in a figure of many, "serial · lot · station · day", with the words for lot and station. */
+export function pointName(text) {
+  const [serial, lot, station, ...day] = text.split(" · ");
+  return day.length === 1 ? [serial, lotName(lot, []), stationName(station), ...day].join(" · ") : text;
+}
+
 /** A figure with titles, legend and labels in the language of the page, and dates by the reader's clock. */
 export function spokenTitles(figure) {
   const { data, layout } = dated(figure);
-  return { data: data.map((trace) => ({ ...trace, name: nameOf(trace) })), layout: spokenLayout(layout) };
+  return { data: data.map((trace) => ({ ...trace, name: nameOf(trace), text: trace.text?.map(pointName) })), layout: spokenLayout(layout) };
 }
 
 function spokenLayout(layout) {

@@ -5,6 +5,7 @@ import { beginOf } from "../lib/days.js";
 import { Busy, Lamp, Trouble } from "../lib/parts.js";
 import { navigate, remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
+import { pointName } from "../lib/spoken.js";
 import { may } from "../lib/store.js";
 import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
 import { asGiven, day, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
@@ -15,17 +16,17 @@ import { outcomeWord } from "./verdict/judged.js";
 import { offered } from "./workbench/offered.js";
 
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
-/** Texts or links in one line. */
-const listed = (items, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [joined(["", ""]), item] : [item])).concat(items.length > most ? [`${sign(" ")}${t("fleet.more", { n: items.length - most })}`] : []);
+/** Texts or links in one line, the first of `of`. */
+const listed = (items, of = items.length, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [joined(["", ""]), item] : [item])).concat(of > most ? [`${sign(" ")}${t("fleet.more", { n: of - most })}`] : []);
 const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 
 function Attention({ fleet }) {
-  const { outside, unjudged, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
+  const { outside, unjudged, outside_units, unjudged_units, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
   if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${fleet.quantities.some(({ signals }) => signals !== null) ? t("fleet.quiet") : t("fleet.quiet_few")}<//></p></div>`;
   const lines = [
-    outside > 0 && ["bad", t("fleet.outside", { n: outside, judged: fleet.yield.judged })],
-    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${fleet.missing.length > 0 && html`${sign(" ")}${t("fleet.missing")}${sign(" ")}${listed(fleet.missing.map(quantityWord))}`}`],
+    outside > 0 && ["bad", html`${t("fleet.outside", { n: outside, judged: fleet.yield.judged })}${sign(": ")}${listed(outside_units.map(unitLink), outside)}`],
+    unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${sign(" ")}${fleet.missing.length ? html`${t("fleet.missing")}${sign(" ")}${listed(fleet.missing.map(quantityWord))}` : listed(unjudged_units.map(unitLink), unjudged)}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")}${sign(" ")}${listed(stations.map(stationName))}`],
     shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")}${sign(" ")}${listed(shifted.map(stationName))}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")}${sign(" ")}${listed(lots.map((lot) => lotName(lot, fleet.choices.cut)))}`],
@@ -89,13 +90,14 @@ function Control({ name, params, anchor }) {
   const runAt = (x) => data.runs[Math.round(x) - 1];
   const pick = (x) => data && navigate(verdictPlace(runAt(x)));
   const distances = name === "distances";
+  const Head = name === YIELD ? "h2" : "h3";
   const title = distances ? t("fleet.distances") : name === YIELD ? t("fleet.over_time") : quantityWord(name);
   const words = data && (distances ? t("fleet.distances_words", { n: data.units.length }) : name === YIELD ? t("fleet.over_time_words", { n: data.all }) : t("fleet.chart_words", { name: title, units: data.units.length, n: data.signals.length }));
-  return html`<section class="stack" ref=${anchor} aria-label=${title}><h3>${title}</h3>
+  return html`<section class="stack" ref=${anchor} aria-label=${title}><${Head}>${title}<//>
     <${Trouble} error=${error} retry=${again} />
     ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${HEIGHTS[name] ?? 460} onPick=${data.runs.length > 0 && pick} />` : !error && html`<${Busy} />`}
     ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
-    ${data?.units.length > 0 && html`<${Points} rows=${data.figure.data[0].x.map((x, i) => [runAt(x), data.figure.data[0].text?.[i], data.figure.data[0].y[i]])} />`}
+    ${data?.units.length > 0 && html`<${Points} rows=${data.figure.data[0].x.map((x, i) => [runAt(x), pointName(data.figure.data[0].text[i]), data.figure.data[0].y[i]])} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
       <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}${sign(": ")}${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}
