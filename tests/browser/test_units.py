@@ -158,6 +158,14 @@ def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.get_by_role("heading", name="L0-0020").wait_for()
 
 
+def test_a_filter_that_matches_nothing_is_cleared(page):
+    page.goto("/fleet?q=nobody&station=station-A&since=2026-03-01")
+    page.get_by_role("button", name="Clear the filter").press("Enter")
+    page.locator(".st-tiles").wait_for()
+    assert not page.url.partition("?")[2]
+    assert not any(field.input_value() for field in page.locator(".st-filter").locator("input, select").all())
+
+
 def test_every_point_of_a_chart_is_reached_by_keyboard_with_its_unit_value_and_day(page):
     page.goto("/fleet?q=L")
     page.get_by_role("group", name="Angle random walk of 48 units").wait_for()

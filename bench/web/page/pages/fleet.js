@@ -249,6 +249,12 @@ export default function Fleet({ query: initial }) {
   const params = { q, ...chosen, since: beginOf(chosen.since), until: beginOf(chosen.until, 1) };
   const { data: fleet, error, again } = useGet(`/fleet${query(params)}`);
   const build = () => post("/registry").then(again, setTrouble);
+  const filtered = Object.values(params).some(Boolean);
+  const clear = () => {
+    setText("");
+    setQ("");
+    setChosen(Object.fromEntries(CHOICES.map((name) => [name, ""])));
+  };
   const set = (name) => (value) => setChosen({ ...chosen, [name]: value });
   const all = t("fleet.all");
   const choice = (name, label, names, otherwise = all) => html`<${Choice} label=${label} all=${otherwise} names=${names ?? []} named=${NAMED[name] ?? ((lot) => lotName(lot, fleet.choices.cut))} value=${chosen[name]} onChange=${set(name)} />`;
@@ -265,6 +271,7 @@ export default function Fleet({ query: initial }) {
       ${choice("station", t("fleet.kind.station"), fleet.choices.stations)} ${choice("lot", t("fleet.kind.lot"), fleet.choices.lots)}
       ${choice("plan", t("fleet.plan"), fleet.choices.plans, `${t("fleet.most_run")}${!chosen.plan && fleet.plan ? `${sign(": ")}${planOf(fleet.plan)}` : ""}`)} ${date("since")} ${date("until")}</div>
       <${LeftOut} fleet=${fleet} simulated=${chosen.simulated} choose=${set("simulated")} />
-      ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(Object.values(params).some(Boolean) ? "units.nothing" : "fleet.empty")}</p>`}`}
+      ${fleet.units ? html`<${Board} fleet=${fleet} params=${params} />` : html`<p class="soft">${t(filtered ? "units.nothing" : "fleet.empty")}</p>
+        ${filtered && html`<p><button type="button" class="narrow" onClick=${clear}>${t("fleet.clear")}</button></p>`}`}`}
   </div>`;
 }
