@@ -36,6 +36,10 @@ from bench.record import Dataset
 
 _SAME = 5e-3
 """A block holds a formula that it follows to this share of the greatest value."""
+_EXACT = 2e-5
+"""Share to which more pieces, or a higher order, are of no use."""
+_PIECES = (5, 10, 20, 50, 100, 200)
+"""Numbers of pieces that a formula of one channel may take."""
 _LOOKED_AT = {Shape.SPLINE: 2003, Shape.SURFACE: 61}
 """Points on each axis where that is looked at."""
 STATIC = {"polynomial", "regression", "spline", "surface"}
@@ -178,7 +182,6 @@ class _Builder:
                 self._static(effect, theta, amplitudes, part, first=i == 0)
 
     def _static(self, effect: Effect, theta: Theta, amplitudes: FloatArray, part: Part, first: bool) -> None:
-        numbers = [self.signal(channel) for channel in part.channels]
         if part.terms:
             amplitudes = np.where(np.isin(np.arange(amplitudes.size), part.terms), amplitudes, 0.0)
         centres = {channel: 0.5 * sum(self.boxes[self.signal(channel)]) for channel in channels_of(effect)}
@@ -188,19 +191,38 @@ class _Builder:
             points = {**centres, **dict(zip(part.channels, at, strict=True))}
             return _value(effect, theta, amplitudes, points) - still
 
+        if not part.terms:
+            self._expanded(part, value, part.n)
+            return
+        # A unit's memory is small: a formula takes no more of it than it needs.
+        sizes = _PIECES if part.shape is Shape.SPLINE else range(1, part.n + 1)
+        for n in sizes:
+            self._expanded(part, value, n)
+            off, most = self._apart(part, value)
+            if off <= _EXACT * most or (n == sizes[-1] and off <= _SAME * most):
+                return
+            self.blocks.pop()
+        raise InputError(
+            f"expression: cannot be delivered: the image is up to {off:.2g} deg/h from the terms of "
+            f"{', '.join(part.channels)}, which change too fast for it; leave it out of the delivered model"
+        )
+
+    def _expanded(self, part: Part, value: chebyshev.Curve, n: int) -> None:
+        """The block of a part with so many pieces, or of this order."""
+        numbers = [self.signal(channel) for channel in part.channels]
         boxes = [self.boxes[number] for number in numbers]
         if part.shape is Shape.SURFACE:
-            coefficients = chebyshev.surface(value, *boxes[0], *boxes[1], part.n)
+            coefficients = chebyshev.surface(value, *boxes[0], *boxes[1], n)
         elif part.shape is Shape.SPLINE:
-            coefficients = chebyshev.pieces(value, *boxes[0], part.n)
+            coefficients = chebyshev.pieces(value, *boxes[0], n)
         else:
-            coefficients = chebyshev.series(value, *boxes[0], part.n)
-        self._block(part.shape, numbers, part.n, coefficients)
-        if part.terms:
-            self._refuse_other(part, value)
+            coefficients = chebyshev.series(value, *boxes[0], n)
+        self._block(part.shape, numbers, n, coefficients)
 
-    def _refuse_other(self, part: Part, value: chebyshev.Curve) -> None:
-        """InputError where the last block is not what the terms of a formula are, also between its own points."""
+    def _apart(self, part: Part, value: chebyshev.Curve) -> tuple[float, float]:
+        """How far the last block is from the terms of a formula, also between its own points, and their greatest value
+        [deg/h].
+        """
         numbers = [self.signal(channel) for channel in part.channels]
         axis = np.linspace(-1.0, 1.0, _LOOKED_AT[part.shape])
         z = np.zeros((len(self.signals), axis.size ** len(numbers)))
@@ -210,11 +232,7 @@ class _Builder:
             *(0.5 * (low + high) + 0.5 * (high - low) * z[n] for n, (low, high) in zip(numbers, boxes, strict=True))
         )
         off = float(np.max(np.abs(DPH_PER_DPS * value_of(self.blocks[-1], z) - wanted)))
-        if off > _SAME * float(np.max(np.abs(wanted))):
-            raise InputError(
-                f"expression: cannot be delivered: the image is up to {off:.2g} deg/h from the terms of "
-                f"{', '.join(part.channels)}, which change too fast for it; leave it out of the delivered model"
-            )
+        return off, float(np.max(np.abs(wanted)))
 
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
         source = self.signal("temperature")

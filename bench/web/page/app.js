@@ -26,7 +26,7 @@ const PAGES = {
   start: () => import("./pages/start.js"),
   unit: () => import("./pages/unit.js"),
   units: () => import("./pages/units.js"),
-  verdict: () => import("./pages/verdict.js"),
+  verdict: () => withAllWords(import("./pages/verdict.js")),
   workbench: () => withAllWords(import("./pages/workbench/main.js")),
 };
 /** Components of the pages that were fetched; each gets {params, query}. */

@@ -21,7 +21,7 @@ const catalogues = {
   zh: () => import("../words/zh.json", { with: { type: "json" } }),
 };
 
-/** Words that only the workbench, the fleet, a run, the files, the import and the laboratory say: no other page waits for them. */
+/** Words that only the workbench, the fleet, a run, its verdict, the files, the import and the laboratory say: no other page waits for them. */
 const further = {
   en: () => import("../words/further/en.json", { with: { type: "json" } }),
   uk: () => import("../words/further/uk.json", { with: { type: "json" } }),
