@@ -38,8 +38,8 @@ _SAME = 5e-3
 """A block holds a formula that it follows to this share of the greatest value."""
 _EXACT = 2e-5
 """Share to which more pieces, or a higher order, are of no use."""
-_PIECES = (5, 10, 20, 50, 100, 200)
-"""Numbers of pieces that a formula of one channel may take."""
+_FEWER_PIECES = (5, 10, 20, 50, 100)
+"""Numbers of pieces that are tried for a formula of one channel before the most."""
 _LOOKED_AT = {Shape.SPLINE: 2003, Shape.SURFACE: 61}
 """Points on each axis where that is looked at."""
 STATIC = {"polynomial", "regression", "spline", "surface"}
@@ -191,21 +191,10 @@ class _Builder:
             points = {**centres, **dict(zip(part.channels, at, strict=True))}
             return _value(effect, theta, amplitudes, points) - still
 
-        if not part.terms:
+        if part.terms:
+            self._least(part, value)
+        else:
             self._expanded(part, value, part.n)
-            return
-        # A unit's memory is small: a formula takes no more of it than it needs.
-        sizes = _PIECES if part.shape is Shape.SPLINE else range(1, part.n + 1)
-        for n in sizes:
-            self._expanded(part, value, n)
-            off, most = self._apart(part, value)
-            if off <= _EXACT * most or (n == sizes[-1] and off <= _SAME * most):
-                return
-            self.blocks.pop()
-        raise InputError(
-            f"expression: cannot be delivered: the image is up to {off:.2g} deg/h from the terms of "
-            f"{', '.join(part.channels)}, which change too fast for it; leave it out of the delivered model"
-        )
 
     def _expanded(self, part: Part, value: chebyshev.Curve, n: int) -> None:
         """The block of a part with so many pieces, or of this order."""
@@ -219,9 +208,9 @@ class _Builder:
             coefficients = chebyshev.series(value, *boxes[0], n)
         self._block(part.shape, numbers, n, coefficients)
 
-    def _apart(self, part: Part, value: chebyshev.Curve) -> tuple[float, float]:
-        """How far the last block is from the terms of a formula, also between its own points, and their greatest value
-        [deg/h].
+    def _least(self, part: Part, value: chebyshev.Curve) -> None:
+        """The smallest block that follows the terms of a formula, also between its own points, for a unit's memory is
+        small; InputError where none does.
         """
         numbers = [self.signal(channel) for channel in part.channels]
         axis = np.linspace(-1.0, 1.0, _LOOKED_AT[part.shape])
@@ -231,8 +220,17 @@ class _Builder:
         wanted = value(
             *(0.5 * (low + high) + 0.5 * (high - low) * z[n] for n, (low, high) in zip(numbers, boxes, strict=True))
         )
-        off = float(np.max(np.abs(DPH_PER_DPS * value_of(self.blocks[-1], z) - wanted)))
-        return off, float(np.max(np.abs(wanted)))
+        most = float(np.max(np.abs(wanted)))
+        for n in (*_FEWER_PIECES, part.n) if part.shape is Shape.SPLINE else range(1, part.n + 1):
+            self._expanded(part, value, n)
+            off = float(np.max(np.abs(DPH_PER_DPS * value_of(self.blocks[-1], z) - wanted)))
+            if off <= (_SAME if n == part.n else _EXACT) * most:
+                return
+            self.blocks.pop()
+        raise InputError(
+            f"expression: cannot be delivered: the image is up to {off:.2g} deg/h from the terms of "
+            f"{', '.join(part.channels)}, which change too fast for it; leave it out of the delivered model"
+        )
 
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
         source = self.signal("temperature")
