@@ -16,6 +16,8 @@ from bench.base import CHANNELS
 _LAGS_S = (60.0, 150.0, 400.0, 1000.0, 2500.0, 6000.0, 15000.0)
 _WIDTHS = (0.0056, 0.012, 0.024, 0.048, 0.096, 0.2)  # of a play, over the range of what it follows
 
+_SIGNED = re.compile(r"(?<![(-])dT_dt|(?<=\blag\()dT_dt")  # a rate of change that counts up and down alike
+_UNEVEN = (-0.5, 0.5)  # how much more it may count while it rises
 _MEMORY, _OF = ", {tau_s})", "the memory of "
 _NEXT_TO_NOTHING = {"tau_s", "fast_s", "rise_s", "fall_s", "memory_s", "late_s", "limit", "soft"}
 """Parameters whose lower bound stands for none at all: what follows at once, a sign, a sharp edge."""
@@ -265,21 +267,34 @@ class Formula:
         own, others = ({block.text for block in one.blocks} for one in (self, other))
         return (own < others or (own == others and self.degree < other.degree)) and self.pair == other.pair
 
-    def one_way(self) -> list[Formula]:
-        """The formula of heating alone, and of cooling alone, where it is of both: runs that pass each temperature once
-        up and once down hardly tell them apart.
+    def one_way(self, theta: Theta) -> list[tuple[Formula, tuple[Theta, ...]]]:
+        """The formula of heating alone, of cooling alone, and of both by different amounts, where it is of both alike,
+        with parameters to try: runs that pass each temperature once up and once down hardly tell them apart.
         """
-        both = [block for block in self.blocks if re.search(r"(?<![(-])dT_dt|\blag\(dT_dt", block.text)]
-        found = []
-        for sign, words in (("", "heating"), ("-", "cooling")) if both and not self.along else ():
-            blocks = [
-                replace(block, text=block.text.replace("dT_dt", f"above({sign}dT_dt)"),
-                        words=block.words.replace("dT/dt", f"dT/dt of {words} alone"))
-                if block in both else block
-                for block in self.blocks
-            ]  # fmt: skip
-            found.append(replace(self, blocks=tuple(blocks)))
-        return found
+        both = [i for i, block in enumerate(self.blocks) if _SIGNED.search(block.text)]
+        if not both or self.along:
+            return []
+        found = [
+            (self._signed(both, f"above({sign}{{rate}})", f"{{}} of {words} alone"), (theta,))
+            for sign, words in (("", "heating"), ("-", "cooling"))
+        ]
+        first = both[0]
+        uneven = self._signed(both[:1], "({rate} + {{uneven}} * abs({rate}))", "{}, not as large heating and cooling")
+        block, at = uneven.blocks[first], self.own[first].start
+        bounds = (("uneven", (-1.0, 1.0)), *block.bounds)  # the rate of change comes first in the text
+        block = replace(block, bounds=bounds, grid=tuple((share, *one) for one in block.grid for share in _UNEVEN))
+        blocks = (*self.blocks[:first], block, *self.blocks[first + 1 :])
+        tried = tuple((*theta[:at], share, *theta[at:]) for share in _UNEVEN)
+        return [*found, (replace(self, blocks=blocks), tried)]
+
+    def _signed(self, numbers: Sequence[int], text: str, words: str) -> Formula:
+        """The formula with this text for the rate of change in these blocks, and these words for its words."""
+        blocks = list(self.blocks)
+        for number in numbers:
+            block = blocks[number]
+            blocks[number] = replace(block, text=_SIGNED.sub(text.format(rate="dT_dt"), block.text),
+                                     words=block.words.replace("dT/dt", words.format("dT/dt")))  # fmt: skip
+        return replace(self, blocks=tuple(blocks))
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:

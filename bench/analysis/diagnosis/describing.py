@@ -39,6 +39,7 @@ _CURVED = 0.25  # of the range of temperature: a sine with a longer period is a 
 
 _ETALON = "like an etalon: interference, optical or electrical, over temperature"
 _COARSE = "like a curve that the model follows too coarsely: more intervals of its spline may do the same"
+_OVEN = "like a part inside that an oven or a regulator holds until it has no more to give"
 _LIKE = (
     ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
     ("sin(2*pi*temperature", _ETALON),
@@ -47,11 +48,16 @@ _LIKE = (
     (") * above(lag(chamber_temperature", "like interference of the chamber's cooling, aliased by the sampling"),
     ("sin(2*pi*(time -", "like a heater, a pump or a valve that a clock of its own switches"),
     ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
+    ("lag(latch(lag(", "like a shock at each turn of the temperature that settles: a joint or a cable that reverses"),
     ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),
     ("uneven_lag(", "like what is taken up faster than it is given off, or slower: gas through a valve, charge, water"),
     ("(dT_dt - lag(dT_dt", "like heat that spreads from part to part: it acts where the rate of change changes"),
     ("slew(", "like a control loop that follows the temperature no faster than its slew rate"),
+    ("lag(dead_zone(temperature", _OVEN),
+    ("dead_zone(lag(temperature", _OVEN),
     ("dead_zone(", "like a part with clearance, which acts only beyond it"),
+    ("tanh((abs(dT_dt)", "like what acts only while the temperature rests, or only while it changes"),
+    ("tanh((dT_dt", "like what acts only beyond a rate of change: a comparator, a protection, a chamber at full power"),
     ("tanh(lag(", "like a part or a loop that reaches its limits"),
     ("play(total(", "like an integrator that runs into its limits"),
     ("play(tanh((temperature", "like a change of phase or a magnet, which comes later than it goes"),

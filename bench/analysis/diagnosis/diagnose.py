@@ -39,7 +39,14 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, LEAST_DIAGNOSED_ROWS, PROVED_DEVIATIONS, TIE
+from bench.analysis.thresholds import (
+    EXPLAINED_RATIO,
+    FORMULA_EVIDENCE,
+    LEAST_DIAGNOSED_ROWS,
+    PROVED_DEVIATIONS,
+    PROVED_FALL,
+    TIE,
+)
 from bench.base import FloatArray, InputError, listed, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
@@ -49,6 +56,7 @@ SISTERS_ALONE = "isothermal runs of sister units are compared with one of the un
 _UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
 _SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
 _OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
+_CERTAIN = 3.0 * FORMULA_EVIDENCE  # evidence of a formula that chance never reached
 _LESS = 0.9  # of the noise floor: effects found that take less out of it are not in the isothermal run
 _UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
 
@@ -316,12 +324,15 @@ class _Case:
 
 
 def borne_out(one: DescribedFormula) -> bool:
-    """Whether a formula is told: unseen data prove it, or do not contradict it while nothing else speaks against it, or
+    """Whether a formula is told: unseen data prove it; or nothing speaks against it, which are unseen data that
+    contradict it and a caution, and the fitted runs are certain of it where its fall on unseen data may be chance; or
     the fitted runs have evidence of it and that of check runs is strong, while their error, which their slow noise
     moves, does not rise beyond chance.
     """
-    strong = one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and one.proof.deviations > -PROVED_DEVIATIONS
-    return bool(one.proof.proved) or (one.proof.falls is not False and not one.caution) or strong
+    proof = one.proof
+    certain = one.evidence > _CERTAIN and proof.falls_by(PROVED_FALL, 0.0)
+    strong = one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and proof.deviations > -PROVED_DEVIATIONS
+    return bool(proof.proved) or ((proof.falls is not False or certain) and not one.caution) or strong
 
 
 def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormula, ...]:

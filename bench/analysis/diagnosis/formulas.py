@@ -32,7 +32,7 @@ from bench.base import FloatArray, InputError, shared
 _DECADE = 16
 _BEAM = 12  # formulas that are grown into those of heating and of cooling alone
 _LEADERS = 36  # that are refined, of the grid,
-_HIDDEN = 12  # … and further ones whose parameters may hide more
+_HIDDEN = 10  # … and further ones whose parameters may hide more
 _GROWN = 3  # leaders that grow
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
@@ -100,7 +100,8 @@ class FormulaSearch:
         leaders = self._leaders(rough, scan, formulas)
         # The grid shows the less of a formula, the more parameters are to be refined.
         open_ = np.array([len(formula.parameters) for formula in formulas])
-        leaders += self._leaders(rough + _REFINED * open_[scan.which], scan, formulas)[:_HIDDEN]
+        hidden = self._leaders(rough + _REFINED * open_[scan.which], scan, formulas)
+        leaders += [index for index in hidden if index not in leaders][:_HIDDEN]
         # A product may only make up for a grid that is too coarse for one of its blocks, which is tried alone, too.
         alone = {one.blocks[0].text: index for index, one in enumerate(singles)}
         parts = [block.text for index in leaders[:_GROWN] for block in formulas[index].blocks]
@@ -121,9 +122,7 @@ class FormulaSearch:
             found += self._grown(one, self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_BEAM]:
-            found += self._longer(
-                one, [(half, (one.theta,)) for half in one.formula.one_way()], self._tried_of(one, sizes)
-            )
+            found += self._longer(one, one.formula.one_way(one.theta), self._tried_of(one, sizes))
         # What chance reaches beyond the usual threshold is paid for, too.
         found.sort(key=lambda one: -one.evidence)
         chance = self._chance(library, points, paid) if found and found[0].evidence > least else 0.0

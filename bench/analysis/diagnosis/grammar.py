@@ -15,6 +15,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.blocks import Block, Formula, lagged, lags, loop, unit_of
 from bench.analysis.diagnosis.candidates import Theta
+from bench.analysis.diagnosis.memories import memories
 from bench.analysis.diagnosis.ranges import Ranges, inner
 from bench.analysis.diagnosis.states import clock, hops, latch, states
 from bench.base import BoolArray
@@ -26,6 +27,7 @@ _PLACES = 11  # of a window, over the range of the channel
 _ROOM_DEGC = 23.0  # to begin with
 _PERIODS = 48  # of a line over temperature
 _TURNS = (-1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0)  # by which its phase moves within a run
+_PACE = 0.05  # degC/min, within which a rate is passed
 _SLOPE = Block("dT_dt", "dT/dt", "degC/min")
 _ONE_WAY = Block("above(direction)", "heating alone", ""), Block("above(-direction)", "cooling alone", "")
 
@@ -47,7 +49,7 @@ class Grammar:
         bent += [block.memory(self.ranges.length_s, every=2) for block in drivers if block.places]
         # A curve of the temperature is the model's own; one of the temperature of a part inside is not.
         inside = [block for block in self._inside((self._bend(), *self.modifiers())) if block.places]
-        own = (*drivers, *bent, *states(self.ranges), *self.bends(), *self._fanned(), *inside)
+        own = (*drivers, *bent, *states(self.ranges), *memories(self.ranges), *self.bends(), *self._fanned(), *inside)
         alone = [Formula((block,)) for block in own]
         lines = [Formula((block,), pair=True) for block in self.lines()]
         # Up and down the same way its rate of change leaves nothing of the sine alone, which could grow to it.
@@ -149,6 +151,7 @@ class Grammar:
             lagged("abs(dT_dt)", "|dT/dt|", "degC/min", self.ranges.length_s, every=2),
             lagged("direction", "the direction of change", "", self.ranges.length_s),
             lagged("abs(direction)", "any change of temperature", "", self.ranges.length_s, every=2),
+            self._calm(),
             loop("temperature", self.ranges.temperature, "degC"),
         ]
         for name in self.ranges.apart:
@@ -163,6 +166,14 @@ class Grammar:
         for name in self.ranges.switched:
             blocks += [Block(name, f"the {name}", ""), lagged(name, f"the {name}", "", self.ranges.length_s, every=2)]
         return [replace(block, drives=True) for block in blocks]
+
+    def _calm(self) -> Block:
+        """The memory of a change faster than a rate."""
+        fast = self._paced()[0]
+        tried = tuple((*one, *tau) for one in fast.grid for tau in lags(self.ranges.length_s / 4.0, 2))
+        bounds = (*fast.bounds, ("tau_s", (20.0, max(self.ranges.length_s / 2.0, 100.0))))
+        return replace(fast, text=f"lag({fast.text}, {{tau_s}})", words=f"the memory of {fast.words}", bounds=bounds,
+                       grid=tried)  # fmt: skip
 
     @staticmethod
     def _gap(name: str) -> Block:
@@ -320,6 +331,20 @@ class Grammar:
         grid = tuple((0.5 * (up + down), 0.5 * (up - down)) for up in heated for down in cooled if up > down)
         return [Formula((replace(latch(self.ranges), grid=grid),))] if grid else []
 
+    def _paced(self) -> list[Block]:
+        """Whether the temperature changes faster than a rate, or slower."""
+        most = self.ranges.fastest
+        either = tuple((share * most,) for share in (0.1, 0.25, 0.45, 0.65, 0.85))
+        both = tuple((-pace,) for (pace,) in reversed(either)) + either
+        return [
+            Block(f"(1 {sign} tanh(({rate} - {{pace}})/{_PACE}))", words, "", (("pace", (low, most)),), tried, places=1)
+            for rate, low, tried, said in (
+                ("abs(dT_dt)", 0.0, either, ("a change faster than a rate", "rest, or a change slower than a rate")),
+                ("dT_dt", -most, both, ("heating faster than a rate", "cooling faster than a rate")),
+            )
+            for sign, words in zip("+-", said, strict=True)
+        ]
+
     def _placed(self, block: Block) -> Block:
         """A place in temperature; or in that of a part inside the unit, which lags."""
         late = block.text.replace("temperature", "lag(temperature, {tau_s})")
@@ -360,6 +385,7 @@ class Grammar:
             Block("(1 + direction)", "heating (half at rest)", ""),
             Block("(1 - direction)", "cooling (half at rest)", ""),
             *_ONE_WAY,
+            *self._paced(),
             Block("time", "time", "s"),
         ]  # fmt: skip
         blocks += map(self._gap, self.ranges.apart)

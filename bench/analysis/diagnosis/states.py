@@ -22,34 +22,29 @@ def states(ranges: Ranges) -> list[Block]:
         Block("total(above(temperature - {centre}))", "time spent above a temperature",
               "degC h", (("centre", (low, high)),), inner(low, high, 9), places=1),
         snap,
+        replace(snap, text=snap.text.replace("temperature", "lag(temperature, {tau_s})"), drives=True,
+                words=f"{snap.words}, of a temperature that lags", bounds=(("tau_s", (20.0, 2000.0)), *snap.bounds),
+                grid=tuple((tau, *one) for one in snap.grid for tau in (120.0, 350.0))),
         replace(snap, text=f"lag({snap.text}, {{tau_s}})", words=f"the memory of {snap.words}",
                 bounds=(*snap.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
                 grid=tuple((*one, tau) for one in snap.grid for tau in (200.0, 800.0))),
         *_extreme(ranges),
+        *_lost(ranges),
         Block("total(abs(dT_dt))", "all change of temperature so far", "degC/min h"),
         Block("exp(-total(exp({faster} * (temperature - 25))) * {per_h})", "a loss that is faster when it is warm",
               "", (("faster", (0.0, 0.15)), ("per_h", (0.01, 5.0))), rates),
     ]  # fmt: skip
     blocks += [
-        _vapour(ranges, "temperature", "temperature"),
         _behind(ranges),
-        *_relaxing(ranges),
-        _uneven(ranges),
-        _spreading(ranges),
-        _opposed(ranges),
-        _shaken(ranges),
-        _turned(ranges, "temperature", "temperature"),
         _transition(ranges),
-        *_warmed(ranges),
         *_fading(ranges),
         *hops(ranges),
-        _yielding(ranges),
+        *_gaping(ranges),
+        *_held(ranges),
     ]
     if ranges.gap:
         blocks += [
-            _vapour(ranges, "chamber_temperature", "air's temperature"),
             _hinge(ranges),
-            _turned(ranges, "chamber_temperature", "air's temperature"),
             loop("chamber_temperature", ranges.of("chamber_temperature"), "degC"),
         ]
         blocks.append(_film("(chamber_temperature - temperature)", "the air is warmer than the unit"))
@@ -88,14 +83,6 @@ def latch(ranges: Ranges) -> Block:
     )
 
 
-def _vapour(ranges: Ranges, name: str, called: str) -> Block:
-    """What is taken up and given off by its pressure, which is an exponential of a temperature."""
-    tried = tuple((faster, *one) for faster in (-0.06, 0.06) for one in lags(ranges.length_s / 2.0, 2))
-    bounds = (("faster", (-0.12, 0.12)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
-    words = f"the memory of an exponential of the {called}"
-    return Block(f"lag(exp({{faster}} * ({name} - 25)), {{tau_s}})", words, "", bounds, tried)
-
-
 def _behind(ranges: Ranges) -> Block:
     """What a part that follows the temperature no faster than at some rate is behind it."""
     most = ranges.fastest
@@ -103,58 +90,6 @@ def _behind(ranges: Ranges) -> Block:
     tried = tuple((share * most,) for share in (0.2, 0.35, 0.5, 0.65, 0.8, 0.95))
     text = "(temperature - slew(temperature, {per_min}))"
     return Block(text, words, "degC", (("per_min", (0.02 * most, most)),), tried)
-
-
-def _relaxing(ranges: Ranges) -> list[Block]:
-    """What follows the temperature; and what does so faster or slower when it is warm."""
-    tau, tried = ("tau_s", (20.0, max(ranges.length_s, 200.0))), lags(ranges.length_s, 1)
-    words = "a part that follows the temperature"
-    faster = Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
-                   f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.12, 0.12))),
-                   tuple((*one, faster) for one in tried for faster in (-0.03, 0.03, 0.06)))  # fmt: skip
-    strained = Block("exp({steep} * (temperature - lag(temperature, {tau_s})))",
-                     f"an exponential of the gap to {words}", "", (("steep", (-0.5, 0.5)), tau),
-                     tuple((steep, *one) for one in tried for steep in (-0.2, -0.07, 0.07, 0.2)))  # fmt: skip
-    plain = Block("(temperature - lag(temperature, {tau_s}))", words, "degC", (tau,), tried, looser=faster)
-    spread = " + ".join(f"lag(temperature, {times}{{tau_s}})" for times in ("", "5 * ", "25 * "))
-    heated = Block(f"(temperature - ({spread})/3)", "a body into which heat spreads", "degC", (tau,), tried)
-    return [plain, faster, strained, heated]
-
-
-def _uneven(ranges: Ranges) -> Block:
-    """What takes up fast and gives off slowly, or the other way round: gas through a valve, charge, water."""
-    times = lags(ranges.length_s, 2)
-    ends = (20.0, max(ranges.length_s, 200.0))
-    return Block("(temperature - uneven_lag(temperature, {rise_s}, {fall_s}))",
-                 "a part that follows the temperature up and down with different time constants", "degC",
-                 (("rise_s", ends), ("fall_s", ends)),
-                 tuple((*up, *down) for up in times for down in times if up != down))  # fmt: skip
-
-
-def _spreading(ranges: Ranges) -> Block:
-    """What two parts that follow the rate of change one after the other are apart."""
-    return Block("(dT_dt - lag(dT_dt, {tau_s}))", "the change of dT/dt in the last while", "degC/min",
-                 (("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0))),), lags(ranges.length_s / 4.0, 1))  # fmt: skip
-
-
-def _opposed(ranges: Ranges) -> Block:
-    """Two parts that follow the temperature, one against the other: each alone may leave next to nothing."""
-    times = [tau for (tau,) in lags(ranges.length_s, 1)]
-    tried = tuple(
-        (fast, share, slow) for n, fast in enumerate(times) for slow in times[n + 2 :] for share in (0.3, 0.8)
-    )
-    ends = (20.0, max(ranges.length_s, 200.0))
-    fast, slow = ("(temperature - lag(temperature, {" + name + "}))" for name in ("tau_s", "slow_s"))
-    return Block(f"({fast} - {{share}} * {slow})", "two parts that follow the temperature, one against the other",
-                 "degC", (("tau_s", ends), ("share", (-1.0, 1.5)), ("slow_s", ends)), tried)  # fmt: skip
-
-
-def _shaken(ranges: Ranges) -> Block:
-    """What each change of the rate of temperature leaves for a while, up or down."""
-    ends = (("fast_s", (20.0, 1000.0)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
-    tried = tuple((60.0, *tau) for tau in lags(ranges.length_s / 2.0, 1))
-    return Block("lag(abs(dT_dt - lag(dT_dt, {fast_s})), {tau_s})", "the memory of each change of dT/dt", "degC/min",
-                 ends, tried)  # fmt: skip
 
 
 def _extreme(ranges: Ranges) -> list[Block]:
@@ -165,6 +100,16 @@ def _extreme(ranges: Ranges) -> list[Block]:
         *(Block(f"{which}(temperature)", f"the {which} temperature so far", "degC") for which in ("highest", "lowest")),
         *(Block(text, f"how far it has been {side} a temperature", "degC", ends, tried, places=1)
           for side, text in beyond),
+    ]  # fmt: skip
+
+
+def _lost(ranges: Ranges) -> list[Block]:
+    """All cooling so far below a temperature, all heating above one: what each swing takes away for good."""
+    ends, tried = (("centre", ranges.temperature),), inner(*ranges.temperature, 9)
+    return [
+        Block(f"total(above({rate}) * (1 {sign} tanh((temperature - {{centre}})/2)))",
+              f"all {words} a temperature so far", "degC/min h", ends, tried, places=1)
+        for rate, sign, words in (("-dT_dt", "-", "cooling below"), ("dT_dt", "+", "heating above"))
     ]  # fmt: skip
 
 
@@ -203,11 +148,33 @@ def clock(bounds: Bounds, period_s: float) -> Block:
     return Block(text, "what is switched by a clock of its own", "", ends, tried, places=1)
 
 
-def _yielding(ranges: Ranges) -> Block:
-    """A strain that yields by a power of the stress, as Norton's law has it for solder, and recovers."""
-    tried = tuple((power, *one) for power in (2.0, 4.0) for one in lags(ranges.length_s / 2.0, 2))
-    bounds = (("power", (1.0, 8.0)), ("tau_s", (20.0, max(ranges.length_s, 200.0))))
-    return Block("lag(sign(dT_dt) * abs(dT_dt)**{power}, {tau_s})", "the memory of a power of dT/dt", "", bounds, tried)
+def _gaping(ranges: Ranges) -> list[Block]:
+    """What comes off at one temperature, and closes steadily towards another: a crack, a contact that sticks."""
+    snap = latch(ranges)
+    return [
+        replace(snap, text=text.format(snap=snap.text), unit="degC",
+                words=f"a gap that opens at one temperature and closes steadily towards a {other} one")
+        for text, other in (("{snap} * (temperature - {{centre}} + {{width}})", "lower"),
+                            ("(1 - {snap}) * ({{centre}} + {{width}} - temperature)", "higher"))
+    ]  # fmt: skip
+
+
+def _held(ranges: Ranges) -> list[Block]:
+    """What holds the temperature of a part inside, as an oven does, until it has nothing left to give, or to take."""
+    low, high = ranges.temperature
+    bounds = ("centre", (low, high)), ("width", (0.02 * (high - low), 0.6 * (high - low)))
+    tried = tuple((*one, share * (high - low)) for one in inner(low, high, 7) for share in (0.06, 0.14, 0.26))
+    late, times = ("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0))), (150.0, 400.0, 1000.0)
+    inside = "lag(temperature, {tau_s}) - {centre}"
+    words = "a part inside that is held at a temperature, within the limits of what holds it"
+    first = tuple((*one, tau) for one in tried for tau in times)
+    last = tuple((tau, *one) for one in tried for tau in times)
+    return [
+        Block("lag(dead_zone(temperature - {centre}, {width}), {tau_s})", words, "degC", (*bounds, late), first,
+              places=1),
+        Block(f"({inside} - dead_zone({inside}, {{width}}))", "a temperature that lags, between two limits", "degC",
+              (late, *bounds), last, places=1),
+    ]  # fmt: skip
 
 
 def _hinge(ranges: Ranges) -> Block:
@@ -216,19 +183,6 @@ def _hinge(ranges: Ranges) -> Block:
     words = "what the gap between air and unit drags along with play"
     bounds, tried = (("width", (0.002 * wide, 0.45 * wide)),), tuple((w * wide,) for w in (0.05, 0.1, 0.2))
     return Block("play((chamber_temperature - temperature), {width})", words, "degC", bounds, tried)
-
-
-def _turned(ranges: Ranges, name: str, called: str) -> Block:
-    """What changes over at one temperature, and takes its time."""
-    low, high = ranges.of(name)
-    span = high - low
-    tried = tuple((*one, share * span, *tau) for one in inner(low, high, 11) for share in (0.02, 0.1)
-                  for tau in lags(ranges.length_s / 4.0, 2))  # fmt: skip
-    bounds = (("centre", (low, high)), ("width", (0.005 * span, 0.4 * span)),
-              ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))  # fmt: skip
-    words = f"the memory of a step over the {called}"
-    return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
-                 drives=True)  # fmt: skip
 
 
 def _transition(ranges: Ranges) -> Block:
@@ -242,17 +196,6 @@ def _transition(ranges: Ranges) -> Block:
     bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)), ("limit", (0.01, 0.95)))
     words = "a change of state over a range of temperature, with hysteresis"
     return Block("play(tanh((temperature - {centre})/{width}), {limit})", words, "", bounds, tried, places=1)
-
-
-def _warmed(ranges: Ranges) -> list[Block]:
-    """What is driven above, or below, one temperature, and takes its time: softening, release, freezing."""
-    bounds = (("centre", ranges.temperature), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
-    tried = tuple((*one, *tau) for one in inner(*ranges.temperature, 11) for tau in lags(ranges.length_s / 2.0, 2))
-    return [
-        Block(f"lag(above({beyond}), {{tau_s}})", f"the memory of the temperature {words} a value", "degC", bounds,
-              tried, places=1, drives=True)
-        for beyond, words in (("temperature - {centre}", "above"), ("{centre} - temperature", "below"))
-    ]  # fmt: skip
 
 
 def _wound(ranges: Ranges, name: str) -> Block:
