@@ -122,6 +122,15 @@ def test_a_formula_that_explains_more_than_an_effect_is_told_beside_it_and_a_run
 
 
 @pytest.mark.slow
+def test_two_effects_that_hide_each_other_are_named_together():
+    """A thermal lag undoes most of dT/dt over this unit's curve: neither was better than chance alone."""
+    unit = cases.case(("thermal_lag", "temperature_rate"), 1.0, 210064, outside.RUN, MODEL)
+    answer = diagnose([unit.run(outside.RUN)], MODEL, static=unit.quiet(cases.STATIC, 4))
+    assert (answer.verdict, answer.proved) == ("missing_effect", True)
+    assert {suspect.effect for suspect in answer.found} == {"thermal_lag", "temperature_rate"}
+
+
+@pytest.mark.slow
 def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_run_bears_it():
     (run, check, _, still), _ = outside._unit(outside.Trial("stress_that_relaxes", 1.0, 1))
     assert diagnose([run], MODEL, static=still).formulas == ()

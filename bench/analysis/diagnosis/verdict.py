@@ -33,6 +33,7 @@ _OUTWEIGHED = 2.0 * FORMULA_EVIDENCE
 """Evidence of the run that check runs may outweigh."""
 _LEADERS = 5
 """Effects that the check runs are asked about."""
+_HIDING = 8  # that are tried as one of two which hide each other
 _MINOR = 0.15
 """What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
 _NOISE = "noise"
@@ -108,6 +109,8 @@ class Search:
         before = self._examine(layout, layout, first)
         search = replace(self, threshold=first.threshold, luck=first.luck)
         steps = search.forward(layout, first)
+        if not steps and any(f.name != _NOISE for f in before.alarms):
+            steps = search.both(layout, first)
         if len(steps) > 1:
             steps = search.again(layout, steps)
         last_layout = with_found(layout, steps)
@@ -147,6 +150,18 @@ class Search:
             layout = with_found(layout, steps[-1:])
             evidence = self.weigh(layout)
         return tuple(steps)
+
+    def both(self, layout: Layout, evidence: Evidence) -> tuple[FoundEffect, ...]:
+        """The best two effects that hide each other, where none is found alone and something is left all the same."""
+        pairs = list[tuple[float, tuple[FoundEffect, ...]]]()
+        for one in evidence.each_once()[:_HIDING]:
+            first = FoundEffect(layout, evidence, one, self.offer.effects[one.name])
+            beside = with_found(layout, (first,))
+            second = self._next(beside, self.weigh(beside), 1)
+            if second is not None:
+                pairs.append((one.evidence + second.suspect.evidence, (first, second)))
+        total, best = max(pairs, key=lambda pair: pair[0], default=(0.0, ()))
+        return best if total > self.threshold + FURTHER_EVIDENCE else ()
 
     def _next(self, layout: Layout, evidence: Evidence, others: int, dropped: Sequence[str] = ()) -> FoundEffect | None:
         """The effect that beats chance beside `others`, by the run or by the run and the check runs together.
