@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from bench.analysis.diagnosis.blocks import Block, Formula
-from bench.analysis.diagnosis.describing import Describer, _judged, _physics
+from bench.analysis.diagnosis.describing import Describer, _judged
 from bench.analysis.diagnosis.diagnose import _Case, diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.formulas import FormulaSearch
@@ -17,6 +17,7 @@ from bench.analysis.diagnosis.found_formula import FoundFormula
 from bench.analysis.diagnosis.grammar import Grammar
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.memories import memories
+from bench.analysis.diagnosis.physics import physics_of
 from bench.analysis.diagnosis.proof import LeftOut
 from bench.analysis.diagnosis.states import states
 from bench.analysis.effects import registry as effects
@@ -348,16 +349,18 @@ def transformed(case):
     return out
 
 
+def with_hidden(record, hidden):
+    """The run with what a mechanism makes of its temperature, second by second."""
+    seconds = np.arange(record.time[0], record.time[-1] + 1.0)
+    added = np.interp(record.time, seconds, hidden(np.interp(seconds, record.time, record.channel("temperature"))))
+    return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
+
+
 def diagnosed(quiet, hidden, candidates=None):
-    """The diagnosis of the unit with what a mechanism makes of its temperature added, with a check run."""
+    """The diagnosis of the unit with a mechanism, with a check run."""
     (run, still), check = quiet, cases.case((), 0.0, 3, outside.RUN, MODEL).quiet(outside.CHECK, 1)
-
-    def with_it(record):
-        seconds = np.arange(record.time[0], record.time[-1] + 1.0)
-        added = np.interp(record.time, seconds, hidden(np.interp(seconds, record.time, record.channel("temperature"))))
-        return replace(record, channels={**record.channels, "rate": record.channels["rate"] + added})
-
-    return diagnose([with_it(run)], MODEL, check=[with_it(check)], static=still, candidates=candidates)
+    runs = (with_hidden(run, hidden), with_hidden(check, hidden))
+    return diagnose(runs[:1], MODEL, check=runs[1:], static=still, candidates=candidates)
 
 
 @pytest.mark.slow
@@ -478,10 +481,14 @@ def test_a_part_that_snaps_over_at_two_temperatures_is_found_where_its_jumps_are
 
 
 @pytest.mark.slow
-def test_terms_of_one_formula_have_the_sizes_that_they_have_together():
+def test_terms_of_one_formula_have_the_sizes_that_they_have_together(quiet):
     """Found one after the other, the first had taken in a part of the next."""
-    (run, check, _, still), _ = outside._unit(outside.Trial("beating_drive", 3.0, 1))
-    best = diagnose([run], MODEL, check=[check], static=still).formulas[0]
+
+    def both(case):
+        return 2.0 * thawing(case) + resting(case)
+
+    run = with_hidden(quiet[0], both)
+    best = diagnosed(quiet, both, [effects.make(name) for name in ("bias_jump", "creep")]).formulas[0]
     model = replace(best.model, effects=(*best.model.effects[:-1], Expression(best.formula)))
     fit = fit_model(model, [run], weights="noise")
     fitted = {one.key.removeprefix("expression."): one.value for one in fit.coefficients}
@@ -538,13 +545,15 @@ def test_the_formula_that_a_check_run_proves_against_another_comes_first():
 
     def ranked(total, borne, error_dph):
         left = LeftOut("check", error_dph * rng.normal(size=2000), np.ones(2000))
-        one = SimpleNamespace(formula=SimpleNamespace(within=lambda _: False))
+        one = SimpleNamespace(formula=SimpleNamespace(within=lambda _: False), evidence=total - borne)
         return SimpleNamespace(total=total, borne=borne, scored=Unseen(error_dph, left=left), one=one)
 
     more, less, alike = ranked(352.0, 76.0, 0.7), ranked(304.0, 135.0, 0.27), ranked(300.0, 136.0, 0.27)
     assert _judged([more, less, alike]) == [less, more, alike]
     assert _judged([less, more]) == [less, more]
     less.borne = 77.0  # no more probable with it
+    assert _judged([more, less])[0] is more
+    less.borne, less.one.evidence = 100.0, 100.0  # the fitted run speaks by far more against it
     assert _judged([more, less])[0] is more
     assert _judged([]) == []
 
@@ -761,6 +770,6 @@ def test_two_formulas_may_stand_in_one_model_but_not_the_same_twice():
 def test_a_sine_over_much_of_the_range_is_a_bend_of_the_curve_and_no_etalon(period_degc, blocks, said):
     layout = SimpleNamespace(temperature=np.array([-40.0, 85.0]))
     text, formula = f"k * sin(2*pi*temperature/{period_degc})", SimpleNamespace(blocks=("sine", "dT_dt")[:blocks])
-    words = _physics(layout, SimpleNamespace(text=text, theta=(period_degc,), formula=formula))
+    words = physics_of(layout, SimpleNamespace(text=text, theta=(period_degc,), formula=formula))
     assert said in words
     assert bool(said) is bool(words)

@@ -15,6 +15,7 @@ from bench.analysis.diagnosis.evidence import Suspect
 from bench.analysis.diagnosis.formulas import FormulaSearch
 from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
 from bench.analysis.diagnosis.held_out import Unseen, settled, unseen
+from bench.analysis.diagnosis.physics import physics_of
 from bench.analysis.diagnosis.probes import examine
 from bench.analysis.diagnosis.proof import Proof, prove
 from bench.analysis.diagnosis.ranges import UNCATALOGUED
@@ -29,71 +30,13 @@ from bench.base import Aside, FloatArray
 from bench.record import Dataset
 
 _MOST = 5
+_IN_RUN = 0.25  # of the evidence of the fitted runs, against that of check runs
 _MOST_TERMS = 3
 _ALIKE = 0.97  # correlation of whitened columns beside the model: these data cannot tell the two apart
 _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
 _IMPLAUSIBLE = 1.0  # of the spread of the bias over the run: a term larger than that cancels something
 _PERIODS = 5.0  # of a sine over time in one run: of fewer, a leg left out lies on the way between two others
-_CURVED = 0.25  # of the range of temperature: a sine with a longer period is a bend and no interference
-
-_ETALON = "like an etalon: interference, optical or electrical, over temperature"
-_COARSE = "like a curve that the model follows too coarsely: more intervals of its spline may do the same"
-_OVEN = "like a part inside that an oven or a regulator holds until it has no more to give"
-_LIKE = (
-    ("sin(2*pi*lag(temperature", "like an etalon whose path follows a part inside the unit"),
-    ("sin(2*pi*temperature", _ETALON),
-    ("sin(2*pi*(temperature", "like an etalon whose path drifts, as it ages or relaxes"),
-    (") * above(chamber_temperature - lag(", "like interference of the chamber's heater, aliased by the sampling"),
-    (") * above(lag(chamber_temperature", "like interference of the chamber's cooling, aliased by the sampling"),
-    ("sin(2*pi*(time -", "like a heater, a pump or a valve that a clock of its own switches"),
-    ("sin(2*pi*time", "like a disturbance with a period of its own: a beat, a control loop, a neighbour"),
-    ("lag(latch(lag(", "like a shock at each turn of the temperature that settles: a joint or a cable that reverses"),
-    ("latch(", "like a part that snaps over: a buckled membrane, a contact, a change of phase"),
-    ("uneven_lag(", "like what is taken up faster than it is given off, or slower: gas through a valve, charge, water"),
-    ("(dT_dt - lag(dT_dt", "like heat that spreads from part to part: it acts where the rate of change changes"),
-    ("slew(", "like a control loop that follows the temperature no faster than its slew rate"),
-    ("lag(dead_zone(temperature", _OVEN),
-    ("dead_zone(lag(temperature", _OVEN),
-    ("dead_zone(", "like a part with clearance, which acts only beyond it"),
-    ("tanh((abs(dT_dt)", "like what acts only while the temperature rests, or only while it changes"),
-    ("tanh((dT_dt", "like what acts only beyond a rate of change: a comparator, a protection, a chamber at full power"),
-    ("tanh(lag(", "like a part or a loop that reaches its limits"),
-    ("play(total(", "like an integrator that runs into its limits"),
-    ("play(tanh((temperature", "like a change of phase or a magnet, which comes later than it goes"),
-    ("lag(tanh((temperature", "like a change of state at one temperature that takes its time"),
-    ("lag(above(temperature", "like what gives way above a temperature and recovers: softening, released gas"),
-    ("/(1 + ((frequency", "like a mode of the package that the frequency of the drive meets"),
-    ("sawtooth(", "like a correction in steps of temperature, a converter, or a light source that hops between modes"),
-    ("above(chamber_temperature - lag(chamber_temperature", "like the chamber's heater: its current or its field"),
-    ("above(lag(chamber_temperature", "like the chamber's cooling: its compressor or its valve"),
-    ("lag(sign(", "like solder or glue that yields by a power of the stress, and recovers"),
-    ("sign(lag(", "like a strain or a loss of heat that grows by a power of a gradient: radiation, contact"),
-    ("play((chamber_temperature", "like a hinge, a duct or a cable with play between chamber and unit"),
-    ("lowest(total(", "like a film that grows and dries: condensation, frost, outgassing"),
-    ("highest(", "like stress that is lost whenever the unit is warmer than ever before"),
-    ("lowest(", "like stress that is lost whenever the unit is colder than ever before"),
-    ("lag(exp(", "like water or gas that is taken up and given off: its pressure is an exponential of the temperature"),
-    ("play(temperature, ", "like friction or micro-slip in mount, glue or solder"),
-    ("(25 - temperature)", "like stress that relaxes, the faster the warmer: glue, solder, packaging"),
-    ("lag(temperature, 25 * ", "like heat that spreads into a thick body: a base plate, potting, a housing"),
-    ("(temperature - lag(temperature", "like the gradient to a part inside that follows the temperature"),
-    ("exp(-total(", "like a loss that does not come back: moisture, gas, stress that heat takes out"),
-    ("total(", "like an exposure that adds up: dose, creep, fatigue"),
-    ("above(compressor - delay(compressor", "like a shock at each start or stop of the compressor that settles"),
-    ("lag(compressor", "like heat or vibration of the compressor that reaches the unit with a delay"),
-    ("play(temperature", "like a hysteresis: a mount, a glue, a solder joint"),
-    ("lag(dT_dt", "like a thermal memory: gradients in the unit that outlast the change of temperature"),
-    ("lag(abs(dT_dt)", "like a stress or gradient that any change of temperature leaves, and that relaxes"),
-    ("lag((chamber_temperature", "like a gradient from the air through the housing"),
-    ("chamber_temperature", "like a gradient from the air through the housing"),
-    ("quadrature", "like quadrature that leaks through the phase of the demodulation"),
-    ("exp(-((temperature", "an effect of a part of the temperature range"),
-    ("tanh((temperature", "an effect of a part of the temperature range"),
-    ("drive", "like the amplitude of the drive: stiffness or damping that depends on it"),
-    ("dT_dt**2", "like a gradient across the unit that grows faster than the rate of change"),
-    ("exp(-time", "like a warm-up"),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,9 +137,13 @@ class Describer:
         borne = self._borne(layout, found, explained)
         plain = self._ranked(layout, found, borne)
         named, better = self._named(layout, explained, plain, borne)
-        if better:
-            return Description(self._answer(layout, plain, borne), replaces=True)
-        beside = self._ranked(explained.layout, further.answer(), borne)
+        terms = self._terms(layout, plain, borne) if better else []
+        open_ = not better or self._left(layout, terms[-1])[1]
+        beside = self._ranked(explained.layout, further.answer(), borne) if open_ else []
+        if better:  # … unless the effects with formulas beside them explain more
+            both = named + sum(each.total for each in self._terms(explained.layout, beside, borne))
+            if not beside or both < sum(each.total for each in terms) + TIE:
+                return Description(self._answer(layout, plain, borne, terms=terms), replaces=True)
         stuck = any(step.suspect.on_bound for step in explained.steps)
         if stuck and not beside and (instead := self._instead(layout, explained, borne)):
             return Description(instead, replaces=True)
@@ -289,23 +236,32 @@ class Describer:
         return _judged(leaders)
 
     def _answer(
-        self, layout: Layout, ranked: Sequence[_Ranked], borne: Borne, names: tuple[str, ...] = ()
+        self,
+        layout: Layout,
+        ranked: Sequence[_Ranked],
+        borne: Borne,
+        names: tuple[str, ...] = (),
+        terms: Sequence[_Ranked] = (),
     ) -> tuple[DescribedFormula, ...]:
-        """The best formula and more terms beside it while something is left and they pay, then single formulas."""
+        """The best formula with the further `terms` beside it, then single formulas; terms are searched without any."""
         if not ranked:
             return ()
-        terms, last = [ranked[0]], ranked[0]
-        while len(terms) < _MOST_TERMS:
+        kept = self._told(layout, [*(terms or self._terms(layout, ranked, borne))])
+        longer = [self._described(layout, kept, (), names)] if len(kept) > 1 else []
+        return (*longer, *self._listed(layout, ranked, names))[:_MOST]
+
+    def _terms(self, layout: Layout, ranked: Sequence[_Ranked], borne: Borne) -> list[_Ranked]:
+        """The best formula, and more terms beside it while something is left and they pay."""
+        terms = list(ranked[:1])
+        while terms and len(terms) < _MOST_TERMS:
+            last = terms[-1]
             point, open_ = self._left(layout, last)
             found = self._search(last.after, point, terms[0].one) if open_ else ()
             further = self._ranked(last.after, found, borne, len(layout.theta))
             if not further:
                 break
-            last = further[0]
-            terms.append(last)
-        terms = self._told(layout, terms)
-        longer = [self._described(layout, terms, (), names)] if len(terms) > 1 else []
-        return (*longer, *self._listed(layout, ranked, names))[:_MOST]
+            terms.append(further[0])
+        return terms
 
     def _left(self, layout: Layout, last: _Ranked) -> tuple[Point, bool]:
         """The noise beside a formula, and whether probes, or the error on check runs, say that more is missing."""
@@ -420,7 +376,7 @@ class Describer:
             formula=text,
             expression=entry_text(effect),
             words=", and ".join(part.formula.words for part in parts),
-            like="; ".join(dict.fromkeys(filter(None, (_physics(layout, part) for part in parts)))),
+            like="; ".join(dict.fromkeys(filter(None, (physics_of(layout, part) for part in parts)))),
             evidence=sum(part.evidence for part in parts),
             borne=sum(term.borne for term in terms),
             held_out_before_dph=before.rms_dph,
@@ -464,15 +420,17 @@ def _simpler(first: _Ranked, other: _Ranked, layout: Layout) -> _Ranked:
 
 
 def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
-    """The same, with the one first that check runs prove against all others: more evidence of the fitted runs may be
-    that of what happened in them alone. A factor without which no evidence tells the formula from the best is needless.
+    """The same, with the one first that check runs prove against all others: more evidence of the fitted runs, which
+    counts less here, may be that of what happened in them alone. A factor is needless without which no evidence tells
+    the formula from the best.
     """
     if not ranked:
         return ranked
     near = (each for each in ranked if each.total > ranked[0].total - TIE)
     best = next((each for each in near if each.one.formula.within(ranked[0].one.formula)), ranked[0])
     for each in ranked if best.scored.left.by == "check" else ():
-        if each.borne > best.borne + TIE and prove(best.scored.left, each.scored.left).falls:
+        ahead = each.borne - best.borne + _IN_RUN * min(0.0, each.one.evidence - best.one.evidence)
+        if ahead > TIE and prove(best.scored.left, each.scored.left).falls:
             best = each
     return [best, *(each for each in ranked if each is not best)]
 
@@ -494,14 +452,6 @@ def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Pro
 
 def _alike(one: FloatArray, other: FloatArray) -> bool:
     return float(one @ other) ** 2 > _ALIKE**2 * float(one @ one) * float(other @ other)
-
-
-def _physics(layout: Layout, one: FoundFormula) -> str:
-    """The physics of a recognised special case."""
-    words = next((words for part, words in _LIKE if part in one.text), "")
-    if words != _ETALON or one.theta[0] < _CURVED * float(np.ptp(layout.temperature)):
-        return words
-    return _COARSE if len(one.formula.blocks) == 1 else ""
 
 
 def _acts(temperature: FloatArray, contribution: FloatArray) -> tuple[float, float]:
