@@ -239,7 +239,8 @@ def _allow_call(node: ast.Call, functions: Mapping[str, int]) -> None:
     if wanted == 1:
         return
     inside, data = names_of(node.args[1]) - set(FUNCTIONS), set(variables())
-    if inside & data and (node.func.id not in {"lag", "play"} or inside <= data):
+    scaled = not inside <= data or any(isinstance(part, ast.Constant) for part in ast.walk(node.args[1]))
+    if inside & data and not (scaled and node.func.id in {"lag", "play"}):
         raise InputError(f"expression: the second argument of {node.func.id} is a number or a parameter, not a channel")
 
 
