@@ -29,8 +29,8 @@ def fleet(  # noqa: PLR0913 - options of one command, by keyword
     """Yield, capability, charts, drifts, odd units."""
     bounds = analysis.load_limits(limits) if limits else None
     with existing(out, where) as registry:
-        units = archive.fleet_of(registry, pattern, selection)
-    found = archive.statistics(units, bounds)
+        units = archive.fleet_of(registry, pattern, selection, bounds)
+    found = archive.statistics(units)
     for path, made in ((html, archive.render), (csv, archive.safe_csv)):
         if path is not None:
             write(path, made(found))

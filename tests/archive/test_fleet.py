@@ -18,6 +18,7 @@ from bench.archive.fleet.drift import Levelled, corrected
 from bench.archive.fleet.drift import drifts as drifts_of
 from bench.archive.fleet.figures import yields
 from bench.archive.fleet.groups import coded, median, medians
+from bench.archive.fleet.listing import listing
 from bench.archive.fleet.mixed import Columns
 from bench.archive.fleet.statistics import statistics
 from bench.archive.fleet.units import Runs, fleet_of
@@ -273,7 +274,7 @@ def test_the_whole_line_is_told_in_json_csv_and_a_page(made, tmp_path):
 def test_a_station_that_drifts_is_not_named_again_for_its_shift(made):
     root, limits = made
     with open_registry(root / FILE) as registry:
-        found = statistics(fleet_of(registry), load_limits(limits))
+        found = statistics(fleet_of(registry, limits=load_limits(limits)))
     further = replace(found.shifts[0], place="station-A")
     attention = overview(replace(found, shifts=(further, *found.shifts)))["attention"]
     assert {one.place for one in found.shifts} == {"station-B"}
@@ -290,7 +291,7 @@ def test_the_yield_over_time_is_that_of_the_first_attempts_of_each_week(tmp_path
     limits.write_text(LIMITS)
     assert bench("registry", "rebuild", "--out", tmp_path).exit_code == 0
     with open_registry(tmp_path / FILE) as registry:
-        found = statistics(fleet_of(registry), load_limits(limits))
+        found = statistics(fleet_of(registry, limits=load_limits(limits)))
     (points,) = yields(*found.attempts)["data"]
     told = dict(zip(points["x"], points["text"], strict=True))
     assert told["2026-03-19T12:00:00Z"] == "2026-03-17 … 2026-03-21<br>33.3 % (1 / 3)"
@@ -357,6 +358,50 @@ def test_values_of_a_run_that_must_not_be_judged_move_nothing(tmp_path):
     assert (after["yield"]["judged"], after["yield"]["unjudged"]) == (24, 1)
     for part in ("quantities", "drifts", "shifts", "unlike"):
         assert after[part] == before[part]
+
+
+def test_a_unit_stands_by_its_newest_judged_run_and_a_newer_one_is_told_beside(tmp_path):
+    """A run that was not judged is no reject and proves nothing new: its values move nothing, either."""
+    root = tmp_path / "reports"
+
+    def told():
+        bench("registry", "rebuild", "--out", root)
+        said = bench("fleet", "--out", root, "--json")
+        with open_registry(root / FILE) as registry:
+            (unit,) = listing(registry, "L0-0003", None, "serial", 1, 0).units
+        return said.exit_code, json.loads(said.stdout), unit
+
+    line(root, 24)
+    for number in range(24):
+        (folder,) = (root / f"L0-{number:04d}").iterdir()
+        keep(folder, "limits.json", {"name": "line", "verdict": "PASS", "results": []})
+    before = told()
+    newer = station(root, "L0-0003", "station-A", 30.0, residual=9.0, walk=0.4)
+    for word in ("INVALID", None):
+        keep(newer, "limits.json", {"name": "line", "verdict": word, "results": []})
+        code, after, unit = told()
+        assert code == before[0] == 0
+        assert after["yield"] == before[1]["yield"]
+        assert (after["yield"]["judged"], after["yield"]["unjudged"]) == (24, 0)
+        for part in ("quantities", "drifts", "shifts", "unlike"):
+            assert after[part] == before[1][part]
+        assert [(one["unit"], one["run"]) for one in after["later"]] == [("L0-0003", unit["unjudged"])]
+        assert (unit["standing"], unit["judged"]) == ("pass", "PASS")
+        assert unit["unjudged"] == f"L0-0003/{newer.name}"
+        assert "L0-0003 (2026-03-31 00:00 UTC): the newest run is not judged" in bench("fleet", "--out", root).output
+    keep(newer, "limits.json", {"name": "line", "verdict": "FAIL", "results": []})
+    code, after, unit = told()
+    assert (code, after["later"], unit["standing"], unit["unjudged"]) == (1, [], "fail", None)
+
+
+def test_a_unit_of_which_no_run_was_judged_is_not_judged_in_both_lists(tmp_path):
+    for days in (0.0, 1.0):
+        folder = station(tmp_path, "A-1", "one", days, residual=0.1)
+        keep(folder, "limits.json", {"name": "line", "verdict": "INVALID", "results": []})
+    bench("registry", "rebuild", "--out", tmp_path)
+    with open_registry(tmp_path / FILE) as registry:
+        assert statistics(fleet_of(registry)).passes.unjudged == 1
+        assert listing(registry, "", None, "serial", 100, 0).standings == {"unjudged": 1}
 
 
 def test_a_quantity_of_earlier_runs_only_has_no_mean(tmp_path):

@@ -150,7 +150,7 @@ def test_a_trend_is_over_the_readers_time_as_the_list_of_runs(page):
 def test_the_fleet_names_the_odd_unit_and_leads_to_it(page):
     page.goto("/fleet?q=L")
     page.get_by_text("Different from their lot:").wait_for()
-    page.get_by_text("Each unit counts once, by its newest calibrated run").wait_for()
+    page.get_by_text("Each unit counts once, by its newest judged run").wait_for()
     assert page.get_by_label("Plan").locator("option").first.inner_text() == "the one most units ran: ramp"
     page.get_by_role("group", name="Angle random walk of 48 units").wait_for()
     page.locator(".main-svg").first.wait_for()
@@ -225,8 +225,10 @@ def test_what_needs_attention_is_named_and_a_station_that_drifts_not_again_for_i
         fleet = answer.json()
         fleet |= {"drifts": [drift], "shifts": shifts}
         units = {"outside": 1, "outside_units": ["L0-0003"], "unjudged": 8,
-                 "unjudged_units": [f"L1-004{n}" for n in range(6)]}  # fmt: skip
-        fleet["attention"] |= {"stations": ["station-B"], "shifted": ["station-A"], **units}
+                 "unjudged_units": [f"L1-004{n}" for n in range(6)], "later": 1,
+                 "later_runs": [{"unit": "L0-0007", "run": "L0-0007/20260309T000000Z_ramp"}]}  # fmt: skip
+        moving = {"stations": ["station-B"], "shifted": ["station-A"]}
+        fleet.setdefault("attention", {}).update(moving | units)  # it is being counted at first
         route.fulfill(response=answer, json=fleet)
 
     page.route("**/api/v1/fleet?*", moved)
@@ -235,8 +237,25 @@ def test_what_needs_attention_is_named_and_a_station_that_drifts_not_again_for_i
     lines.filter(has_text=re.compile("^Drifting stations: station-B$")).wait_for()
     lines.filter(has_text=re.compile("^Shifted stations: station-A$")).wait_for()
     lines.filter(has_text="8 units are not judged").filter(has_text="L1-0045 and 2 more").wait_for()
+    newer = lines.filter(has_text="The newest run of 1 unit is not judged").get_by_role("link", name="L0-0007")
+    assert newer.get_attribute("href") == "/verdict/L0-0007/20260309T000000Z_ramp"
     lines.get_by_role("link", name="L0-0003").click()
     page.wait_for_url("**/units/L0-0003")
+
+
+def test_a_newer_run_that_was_not_judged_is_told_beside_the_verdict_of_the_unit(page):
+    def newer(route):
+        answer = route.fetch()
+        units = answer.json()
+        units["units"][0] |= {"standing": "pass", "unjudged": "L0-0007/20260309T000000Z_ramp"}
+        route.fulfill(response=answer, json=units)
+
+    page.route("**/api/v1/units?*", newer)
+    page.goto("/units")
+    told = page.locator("tbody tr").first
+    told.get_by_text("Pass").wait_for()
+    told.get_by_role("link", name="newest run not judged").click()
+    page.wait_for_url("**/verdict/L0-0007/20260309T000000Z_ramp")
 
 
 def test_a_shift_of_a_station_has_its_day_and_what_no_cpk_is_known_of_has_none(page):

@@ -15,14 +15,15 @@ from bench.archive.fleet.charts import Chart
 from bench.archive.fleet.page import GOOD_CPK
 from bench.archive.fleet.selection import profile_of
 from bench.archive.fleet.statistics import Measured, Statistics, to_csv
-from bench.archive.fleet.units import Calibrated, decided, good
+from bench.archive.fleet.units import Calibrated
+from bench.archive.registry.summaries import decided, good
 
 DISTANCES = "distances"
 """Name of the figure of all units against their lots."""
 YIELD = "yield"
 """Name of the figure of the first-pass yield over time."""
 _MOST_NAMED = 6
-"""Units that are named among those that fail or are not judged."""
+"""Units that are named among those of one kind."""
 
 Found = dict[str, Any]
 
@@ -51,12 +52,12 @@ def overview(found: Statistics) -> Found:
         "stations": len({one.station for one in newest}),
         "from": newest[0].created,
         "to": newest[-1].created,
-        "attention": _attention(found),
+        "attention": _attention(found, content.pop("later")),
         "distances": bool(np.any(np.isfinite(found.distances))),
     }
 
 
-def _attention(found: Statistics) -> Found:
+def _attention(found: Statistics, later: list[Found]) -> Found:
     """The parts of the sentence that `bench fleet` prints."""
     return {
         "quiet": found.quiet,
@@ -65,6 +66,8 @@ def _attention(found: Statistics) -> Found:
         "unjudged": found.passes.unjudged,
         "outside_units": _units(found, lambda word: decided(word) and not good(word)),
         "unjudged_units": _units(found, lambda word: word is not None and not decided(word)),
+        "later": len(later),
+        "later_runs": later[-_MOST_NAMED:],
         "stations": found.drifted("station"),
         "shifted": found.shifted(),
         "lots": found.drifted("lot"),
@@ -75,8 +78,9 @@ def _attention(found: Statistics) -> Found:
 
 def _units(found: Statistics, of: Callable[[str | None], bool]) -> list[str]:
     """The newest units with such a verdict."""
-    rows = reversed(range(len(found.words)))
-    return [found.fleet.newest[row].unit for row in islice((row for row in rows if of(found.words[row])), _MOST_NAMED)]
+    words = found.fleet.words
+    rows = (row for row in reversed(range(len(words))) if of(words[row]))
+    return [found.fleet.newest[row].unit for row in islice(rows, _MOST_NAMED)]
 
 
 def drawn(found: Statistics) -> dict[str, Found]:

@@ -51,7 +51,11 @@ def sentence(found: Statistics) -> str:
         parts.append(f"{bad} of {found.passes.judged} judged units are outside their limits")
     if unknown := found.passes.unjudged:
         why = f" (no unit has {listed(list(found.missing))})" if found.missing else ""
-        parts.append(f"{unknown} of {len(found.words)} units are not judged: their runs are INVALID{why}")
+        parts.append(f"{unknown} of {len(found.fleet.words)} units are not judged: their runs are INVALID{why}")
+    if later := found.fleet.later:
+        runs = listed([f"{one.unit} ({moment(one.created)})" for one in later[-5:]])
+        parts.append(f"{runs}{' and others' if len(later) > 5 else ''}: the newest run is not judged, and the judged "
+                     "run before it counts")  # fmt: skip
     for kind in ("station", "lot"):
         if places := found.drifted(kind):
             parts.append(f"{kind} {listed(places)} {_VERBS[kind][len(places) > 1]}")
@@ -91,7 +95,7 @@ def _numbers(found: Statistics) -> Iterable[Headline]:
     passes = found.passes
     if passes.judged:
         low, high = passes.interval
-        more = f"{passes.first} of {passes.judged} at the first attempt, {passes.final} with their newest run; "
+        more = f"{passes.first} of {passes.judged} at the first attempt, {passes.final} with their newest judged run; "
         more += f"95 %: {100 * low:.1f} to {100 * high:.1f} %"
         yield Headline("first-pass yield", f"{100 * passes.first / passes.judged:.1f}", "%", more)
     able = [one for one in found.measured if one.capability and np.isfinite(one.capability.cpk)]

@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Limits, one_blas_thread
+from bench.analysis import one_blas_thread
 from bench.archive.fleet.capability import Capability, capability, proportion
 from bench.archive.fleet.charts import Chart, chart
 from bench.archive.fleet.drift import SIGNIFICANT, Drift, Levelled, corrected, drifts
 from bench.archive.fleet.groups import Coded, ObjectArray
 from bench.archive.fleet.shifts import ControlChart, Shift, charts_for, latest, shifts
-from bench.archive.fleet.units import Fleet, decided, good, words
+from bench.archive.fleet.units import Fleet
 from bench.archive.fleet.unlike import Odd, unlike
+from bench.archive.registry.summaries import decided, good
 from bench.base import BoolArray, FloatArray, IntArray, finite, shared, usual_workers
 
 SHARE = 0.9
@@ -29,9 +30,9 @@ _MANY = 50_000
 
 @dataclass(frozen=True)
 class Yield:
-    """Number of judged units, and of those that passed at the first attempt and with their newest run.
+    """Number of judged units, and of those that passed at the first attempt and with their newest judged run.
 
-    A unit whose newest run is INVALID is not judged: `unjudged` counts such units. Its values count nowhere.
+    A unit whose runs are all INVALID is not judged: `unjudged` counts such units. Its values count nowhere.
     """
 
     judged: int
@@ -63,11 +64,10 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """All statistics: `words` are the verdicts of the newest runs, `distances` (n,) those from their lots."""
+    """All statistics; `distances` (n,) are those of the units from their lots."""
 
     fleet: Fleet
     limits: str | None
-    words: tuple[str | None, ...]
     passes: Yield
     measured: tuple[Measured, ...]
     drifts: tuple[Drift, ...]
@@ -95,6 +95,7 @@ class Statistics:
             "drifts": [{**_plain(asdict(one)), "significant": one.significant} for one in self.drifts],
             "shifts": [_shift(one, self.fleet) for one in self.shifts],
             "station_charts": {"false_alarm": SIGNIFICANT, "charts": [asdict(one) for one in self.charts]},
+            "later": [{"unit": one.unit, "run": one.path, "created": one.created} for one in self.fleet.later],
             "unlike": [{"unit": self.fleet.newest[one.row].unit, "lot": self.fleet.newest[one.row].lot,
                         **_plain(asdict(one))} for one in self.odd],
         }  # fmt: skip
@@ -117,7 +118,7 @@ class Statistics:
     def quiet(self) -> bool:
         """Whether nothing needs attention: all units judged and within, no drift, shift, odd unit or signal."""
         moved = any(one.significant for one in self.drifts)
-        refused = self.passes.outside + self.passes.unjudged > 0
+        refused = self.passes.outside + self.passes.unjudged + len(self.fleet.later) > 0
         return not (self.beyond or moved or self.shifts or self.odd or refused)
 
     @property
@@ -131,14 +132,14 @@ class Statistics:
         return not (self.passes.judged or self.charted)
 
 
-def statistics(fleet: Fleet, limits: Limits | None = None) -> Statistics:
+def statistics(fleet: Fleet) -> Statistics:
     """Yield, capability, charts, drifts and distances of a fleet."""
     with one_blas_thread():  # the matrices are small: threads of BLAS would wait for each other
-        return _statistics(fleet, limits)
+        return _statistics(fleet)
 
 
-def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
-    verdicts = tuple(words(fleet.newest, limits).tolist())
+def _statistics(fleet: Fleet) -> Statistics:
+    limits, verdicts = fleet.limits, fleet.words
     bounds: dict[str, tuple[float | None, float | None]] = {}
     bounds |= {limit.subject: (limit.lower, limit.upper) for limit in limits.limits} if limits else {}
     wanted = [limit.subject for limit in limits.limits if limit.required] if limits else []
@@ -158,9 +159,9 @@ def _statistics(fleet: Fleet, limits: Limits | None) -> Statistics:
         table[one.rows, column] = one.values
     distances, odd = unlike(table, [one.name for one in whole], fleet.lots)
     name = limits.name if limits else None
-    attempts = _attempts(fleet, limits, verdicts)
+    attempts = _attempts(fleet)
     passes = _yield(attempts[1], verdicts)
-    return Statistics(fleet, name, verdicts, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing,
+    return Statistics(fleet, name, passes, measured, tuple(corrected(found)), distances, tuple(odd), missing,
                       tuple(sorted(moved, key=lambda one: one.since)), charts, attempts)  # fmt: skip
 
 
@@ -178,13 +179,10 @@ def _moves(
     return found, list(shifts(levelled, one.name, charts))
 
 
-def _attempts(fleet: Fleet, limits: Limits | None, newest: tuple[str | None, ...]) -> tuple[FloatArray, BoolArray]:
-    """Those of units whose newest run was judged; an attempt that was not judged is no attempt."""
-    first = words(fleet.first, limits).tolist()
-    time_s = np.where([decided(word) for word in first], fleet.first.time_s, fleet.newest.time_s)
-    passed = [good(one if decided(one) else other) for one, other in zip(first, newest, strict=True)]
-    judged = np.array([decided(word) for word in newest], dtype=bool)
-    return time_s[judged], np.array(passed, dtype=bool)[judged]
+def _attempts(fleet: Fleet) -> tuple[FloatArray, BoolArray]:
+    """First judged run of each unit that has one; an attempt that was not judged is no attempt."""
+    judged = np.array([decided(word) for word in fleet.first_words], dtype=bool)
+    return fleet.first.time_s[judged], np.array([good(word) for word in fleet.first_words], dtype=bool)[judged]
 
 
 def _yield(passed: BoolArray, newest: tuple[str | None, ...]) -> Yield:
@@ -253,7 +251,7 @@ def _lines(found: Statistics) -> Iterator[tuple[Any, ...]]:
     by_name = {one.name: one for one in found.measured}
     for row, one in enumerate(found.fleet.newest):
         distance = finite(float(found.distances[row]))
-        head = (one.unit, one.lot, one.station, one.created, one.run, found.words[row] or "")
+        head = (one.unit, one.lot, one.station, one.created, one.run, found.fleet.words[row] or "")
         for name, value in sorted(one.values.items()):
             limit = by_name[name]
             yield (*head, name, repr(value), limit.unit, limit.lower, limit.upper, distance)

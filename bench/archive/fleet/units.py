@@ -1,4 +1,4 @@
-"""The fleet in the registry: for every unit its first and its newest calibrated run with their quantities."""
+"""The fleet in the registry: for every unit its first and its newest judged run with their quantities."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
-from functools import cache, cached_property, partial
+from functools import cached_property, partial
 from sys import intern
 from typing import overload
 
@@ -21,9 +21,9 @@ from bench.archive.fleet.groups import Coded, ObjectArray, coded
 from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, lot_of, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry, open_registry
+from bench.archive.registry.summaries import JUDGED, decided
 from bench.archive.registry.writing import TABLES
-from bench.base import Aside, FloatArray, InputError, IntArray, usual_workers
-from bench.record import Verdict
+from bench.base import Aside, BoolArray, FloatArray, InputError, IntArray, usual_workers
 
 _AT_ONCE = 10_000
 """Runs that are read together."""
@@ -115,16 +115,23 @@ class Runs(Sequence[Calibrated]):
         """A column of these runs (n,)."""
         return self.columns[name][self.rows]
 
-    def newest(self) -> tuple[Runs, Runs]:
-        """The newest run of every unit in order of time, and the first of the same units."""
+    def of_units(self, judged: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+        """Places of the newest `judged` run of every unit in order of time, of its first one, and of its newest run.
+
+        A unit without a judged run has its newest and its first run.
+        """
         unit = pa.array(self.column("unit"), pa.string()).dictionary_encode().indices.to_numpy()
-        first, last = np.empty((2, int(unit.max()) + 1), dtype=np.int64)
-        last[unit] = np.arange(unit.size)
-        first[unit[::-1]] = np.arange(unit.size)[::-1]
-        newest = replace(self, rows=self.rows[last])
-        keys = pa.table({"time": newest.time_s, "run": pa.array(newest.column("id"), pa.string())})
+        first, newest = np.empty((2, int(unit.max()) + 1), dtype=np.int64)
+        every = np.arange(unit.size)
+        newest[unit] = every
+        first[unit[::-1]] = every[::-1]
+        last, judging = newest.copy(), every[judged]
+        newest[unit[judging]] = judging
+        first[unit[judging[::-1]]] = judging[::-1]
+        runs = replace(self, rows=self.rows[newest])
+        keys = pa.table({"time": runs.time_s, "run": pa.array(runs.column("id"), pa.string())})
         order = pc.sort_indices(keys, sort_keys=[("time", "ascending"), ("run", "ascending")]).to_numpy()
-        return replace(newest, rows=newest.rows[order]), replace(self, rows=self.rows[first[order]])
+        return newest[order], first[order], last[order]
 
     @cached_property
     def time_s(self) -> FloatArray:
@@ -146,11 +153,20 @@ def _time_s(created: str) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """Newest run of every unit in order of time, and the first; `units` of the quantities."""
+    """Newest judged run of every unit in order of time, and the first; `units` of the quantities.
+
+    Of a unit without a judged run it is the newest run.
+    """
 
     newest: Runs
     first: Runs
+    later: Runs
+    """Newest runs that are newer than the newest judged run of their units."""
+    words: tuple[str | None, ...]
+    """Verdicts of `newest`."""
+    first_words: tuple[str | None, ...]
     units: Mapping[str, str]
+    limits: Limits | None = None
     left_out: tuple[str, ...] = ()
     """Runs that do not stand beside these, in words."""
 
@@ -193,10 +209,19 @@ def selected(
     return Runs(columns, places, _placed(ids, values, columns["id"]), rows), units, left_out
 
 
-def fleet_of(registry: Registry, pattern: str | None = None, selection: Selection | None = None) -> Fleet:
+def fleet_of(
+    registry: Registry, pattern: str | None = None, selection: Selection | None = None, limits: Limits | None = None
+) -> Fleet:
     """All units whose whole serial matches, by their selected runs; errors are those of `selected`."""
     found, units, left_out = selected(registry, pattern, selection)
-    return Fleet(*found.newest(), units, left_out)
+    verdicts = words(found, limits)
+    newest, first, last = found.of_units(np.array([decided(word) for word in verdicts], dtype=bool))
+
+    def at(places: IntArray) -> Runs:
+        return replace(found, rows=found.rows[places])
+
+    told, first_told = (tuple(verdicts[places].tolist()) for places in (newest, first))
+    return Fleet(at(newest), at(first), at(last[last != newest]), told, first_told, units, limits, left_out)
 
 
 def as_shown(registry: Registry, selection: Selection | None = None, pattern: str | None = None) -> Selection:
@@ -224,10 +249,9 @@ def _columns(registry: Registry, among: Sequence[ColumnElement[bool]], pattern: 
         raise InputError(f"--unit-filter is '{pattern}', not a regular expression: {error}") from None
     run, calibration, unit = (TABLES[name] for name in ("runs", "calibrations", "units"))
     certificate = TABLES["certificates"]
-    judged = func.coalesce(certificate.c.verdict, calibration.c.judged).label("judged")
     of_run = ("id", "unit", "station", "created", "profile", "state", "cause", "simulated", "corrected")
     chosen = (
-        select(*(run.c[name] for name in of_run), unit.c.lot, judged, calibration.c.limits)
+        select(*(run.c[name] for name in of_run), unit.c.lot, JUDGED, calibration.c.limits)
         .join_from(run, calibration)
         .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(unit, unit.c.serial == run.c.unit)
@@ -323,15 +347,3 @@ def words(runs: Runs, limits: Limits | None) -> ObjectArray:
             values = runs[place].values.items()
             found[place] = judge_limits(limits, [Quantity.exact(name, value) for name, value in values]).verdict.value
     return found
-
-
-@cache
-def good(word: str | None) -> bool:
-    """Whether a unit with this verdict passed."""
-    return word is not None and Verdict(word).within
-
-
-@cache
-def decided(word: str | None) -> bool:
-    """Whether a unit with this verdict passed or failed."""
-    return word is not None and Verdict(word).judged

@@ -18,7 +18,7 @@ from bench.base import InputError
 FILE = "registry.sqlite"
 """File name of the registry beside the run folders."""
 
-SCHEMA = "0007"
+SCHEMA = "0008"
 """Newest migration in `migrations/versions`."""
 
 WAIT_S = 60.0

@@ -7,6 +7,7 @@ that a list of a million units is asked for and not counted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from typing import Any, cast
 
 from sqlalchemy import Connection, case, delete, func, insert, select
@@ -16,6 +17,11 @@ from bench.archive.registry.tables import Calibration, Certificate, Run, Summary
 from bench.record import Verdict
 
 SUMMARIES = cast(SqlTable, Summary.__table__)
+# A verification that failed since says more than a certificate that was issued before it.
+JUDGED = case(
+    (Calibration.judged == Verdict.FAIL, Verdict.FAIL), else_=func.coalesce(Certificate.verdict, Calibration.judged)
+).label("judged")
+"""Verdict of a run against limits."""
 _AT_ONCE = 500
 _TOLD = 50_000
 """Units that take some seconds."""
@@ -38,12 +44,9 @@ def summarise(
 
 
 def _rows(connection: Connection, serials: list[str]) -> list[dict[str, Any]]:
-    issued = func.coalesce(Certificate.verdict, Calibration.judged)
-    # A verification that failed since says more than a certificate that was issued before it.
-    judged = case((Calibration.judged == Verdict.FAIL, Verdict.FAIL), else_=issued).label("judged")
-    columns = (Run.unit, Run.created, Run.station, Run.state, Run.path, Run.corrected, Calibration.model, judged)
+    columns = (Run.unit, Run.created, Run.station, Run.state, Run.path, Run.corrected, Calibration.model, JUDGED)
     chosen = (
-        select(*columns, Certificate.number)
+        select(*columns, Calibration.run.label("analysed"), Certificate.number)
         .join_from(Run, Calibration, Calibration.run == Run.id, isouter=True)
         .join(Certificate, Certificate.run == Run.id, isouter=True)
         .where(Run.unit.in_(serials))
@@ -57,8 +60,12 @@ def _rows(connection: Connection, serials: list[str]) -> list[dict[str, Any]]:
         one |= {"last": row.created, "last_run": row.path, "state": row.state, "station": row.station}
         if calibrates(row._mapping, row.judged):
             one["calibrations"] += 1
-            one |= {"calibrated": row.created, "model": row.model, "judged": row.judged, "certificate": row.number}
-            one["standing"] = _standing(row.judged)
+            one |= {"calibrated": row.created, "model": row.model, "certificate": row.number}
+        if row.analysed and row.state == "done" and not row.corrected:
+            if decided(row.judged):
+                one |= {"standing": "pass" if good(row.judged) else "fail", "judged": row.judged, "unjudged": None}
+            else:
+                one |= {"unjudged": row.path} if decided(one["judged"]) else {"standing": "unjudged"}
     return list(units.values())
 
 
@@ -74,11 +81,17 @@ def _empty(serial: str, lot: str | None) -> dict[str, Any]:
     return {
         "serial": serial, "lot": lot, "words": f"{serial} {lot or ''}".casefold(), "standing": "uncalibrated",
         "runs": 0, "calibrations": 0, "last": None, "last_run": None, "state": None, "station": None,
-        "calibrated": None, "model": None, "judged": None, "certificate": None,
+        "calibrated": None, "model": None, "judged": None, "certificate": None, "unjudged": None,
     }  # fmt: skip
 
 
-def _standing(judged: str | None) -> str:
-    if judged not in set(Verdict) or not Verdict(judged).judged:
-        return "unjudged"
-    return "pass" if Verdict(judged).within else "fail"
+@cache
+def good(word: str | None) -> bool:
+    """Whether a unit with this verdict passed."""
+    return word is not None and Verdict(word).within
+
+
+@cache
+def decided(word: str | None) -> bool:
+    """Whether a unit with this verdict passed or failed."""
+    return word is not None and Verdict(word).judged

@@ -176,7 +176,7 @@ class Summary(Table):
     words: Mapped[str]
     """What a search looks through, in small letters."""
     standing: Mapped[str]
-    """pass, fail, unjudged or uncalibrated, by the newest calibration."""
+    """pass or fail by the newest judged run, unjudged where none was judged, uncalibrated where none was analysed."""
     runs: Mapped[int]
     calibrations: Mapped[int]
     last: Mapped[str | None]
@@ -187,6 +187,8 @@ class Summary(Table):
     model: Mapped[str | None]
     judged: Mapped[str | None]
     certificate: Mapped[str | None]
+    unjudged: Mapped[str | None]
+    """Path of the newest run where it is newer than the newest judged one and was not judged."""
 
 
 IN_ORDER: tuple[type[Table], ...] = (

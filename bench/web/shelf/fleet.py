@@ -259,7 +259,7 @@ def _limits(here: Settings, chosen: Chosen) -> Path | None:
 def _statistics(registry: Registry, chosen: Chosen, path: Path | None) -> Statistics:
     # A pattern of somebody else can be made to take for ever: only plain text is looked for.
     pattern = f".*{re.escape(chosen.q)}.*" if chosen.q else None
-    return statistics(read(registry, pattern, chosen.selection()), load_limits(path) if path else None)
+    return statistics(read(registry, pattern, chosen.selection(), load_limits(path) if path else None))
 
 
 def _counted(stock: Stock, here: Settings, chosen: Chosen) -> Answer:

@@ -47,6 +47,8 @@ class UnitLine(BaseModel):
     judged: str | None
     certificate: str | None
     standing: Standing
+    unjudged: str | None
+    """The newest run where it is newer than the newest judged one and was not judged."""
 
 
 class Units(BaseModel):

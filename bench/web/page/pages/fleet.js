@@ -7,7 +7,7 @@ import { navigate, remember } from "../lib/router.js";
 import { Said } from "../lib/said.js";
 import { pointName } from "../lib/spoken.js";
 import { may } from "../lib/store.js";
-import { limitsName, lotName, planTitle, stationName } from "../lib/names.js";
+import { limitsName, lotName, planTitle, runTitle, stationName } from "../lib/names.js";
 import { asGiven, day, effectWord, joined, number, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { Chart } from "./stock/chart.js";
 import { NoRegistry, Points, Tile, useGet, verdictPlace } from "./stock/parts.js";
@@ -21,12 +21,13 @@ const listed = (items, of = items.length, most = 6) => items.slice(0, most).flat
 const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 
 function Attention({ fleet }) {
-  const { outside, unjudged, outside_units, unjudged_units, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
+  const { outside, unjudged, outside_units, unjudged_units, later, later_runs, stations, shifted, lots, odd, beyond, quiet, silent } = fleet.attention;
   if (silent && !unjudged) return html`<div class="notice"><p><${Lamp} tone="idle">${t("fleet.silent")}<//></p></div>`;
   if (quiet) return html`<div class="notice good"><p><${Lamp} tone="good">${fleet.quantities.some(({ signals }) => signals !== null) ? t("fleet.quiet") : t("fleet.quiet_few")}<//></p></div>`;
   const lines = [
     outside > 0 && ["bad", html`${t("fleet.outside", { n: outside, judged: fleet.yield.judged })}${sign(": ")}${listed(outside_units.map(unitLink), outside)}`],
     unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${sign(" ")}${fleet.missing.length ? html`${t("fleet.missing")}${sign(" ")}${listed(fleet.missing.map(quantityWord))}` : listed(unjudged_units.map(unitLink), unjudged)}`],
+    later > 0 && ["warn", html`${t("fleet.later", { n: later })}${sign(" ")}${listed(later_runs.map(({ unit, run }) => html`<a href=${verdictPlace(run)} title=${runTitle(run)}>${unit}</a>`), later)}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")}${sign(" ")}${listed(stations.map(stationName))}`],
     shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")}${sign(" ")}${listed(shifted.map(stationName))}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")}${sign(" ")}${listed(lots.map((lot) => lotName(lot, fleet.choices.cut)))}`],

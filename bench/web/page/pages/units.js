@@ -5,8 +5,8 @@ import { Busy, Trouble } from "../lib/parts.js";
 import { remember } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { day, effectWord, moment, t } from "../lib/words.js";
-import { stationName } from "../lib/names.js";
-import { NoRegistry, useGet, Verdict } from "./stock/parts.js";
+import { runTitle, stationName } from "../lib/names.js";
+import { NoRegistry, useGet, Verdict, verdictPlace } from "./stock/parts.js";
 
 const STANDINGS = ["pass", "fail", "unjudged", "uncalibrated"];
 const PAGE = 200;
@@ -34,7 +34,7 @@ function Standings({ counts, chosen, choose }) {
 function Line({ one }) {
   return html`<tr>
     <th scope="row"><a class="st-serial" href=${`/units/${encodeURIComponent(one.serial)}`}>${one.serial}</a></th>
-    <td><${Verdict} word=${one.standing} /></td>
+    <td><${Verdict} word=${one.standing} />${one.unjudged && html` <a class="small" href=${verdictPlace(one.unjudged)} title=${runTitle(one.unjudged)}>${t("units.newer")}</a>`}</td>
     <td class="broad">${one.lot ?? html`<span class="soft">–</span>`}</td>
     <td class="n broad">${one.runs}</td>
     <td class="n broad">${one.calibrations}</td>
