@@ -756,6 +756,37 @@ def test_operators_of_one_screen_name_themselves_by_their_badges_and_answer_for_
         page.context.close()
 
 
+def test_after_too_many_wrong_pins_the_form_counts_the_seconds_and_accepts_again(tmp_path, visitors):
+    access = tmp_path / "access.yaml"
+    viewer = people.add_person(access, "screen", "viewer")
+    pin = people.add_pin(access, "Olena", "operator", "0004471199")
+    with site_over(tmp_path / "out", "--access", str(access)) as site:
+        page = visitors.come(site.address)
+        visitors.of(page).forgives = re.compile("status of 429")
+        page.clock.install()
+        page.goto("/")
+        page.get_by_label("Token").fill(viewer)
+        page.keyboard.press("Enter")
+        refused = {"status": 429, "headers": {"Retry-After": "5"}, "json": {"detail": "too many wrong PINs: wait 5 s"}}
+        page.route("**/session/pin", lambda route: route.fulfill(**refused))
+        page.get_by_label("PIN or badge").fill("1234")
+        enter = page.locator("form.pin").get_by_role("button", name="Sign in")
+        enter.click()
+        told = page.get_by_role("alert").filter(has_text="Too many wrong PINs. Try again in 5 s.")
+        told.wait_for()
+        assert enter.is_disabled()
+        page.clock.run_for(1000)
+        page.get_by_text("Try again in 4 s.").wait_for()
+        for _ in range(4):
+            page.clock.run_for(1000)
+        page.get_by_role("alert").wait_for(state="detached")
+        page.unroute("**/session/pin")
+        page.get_by_label("PIN or badge").fill(pin)
+        enter.click()
+        page.locator(".who", has_text="Olena").wait_for()
+        page.context.close()
+
+
 def test_back_asks_the_question_before_again(site, visitors):
     page = visitors.come(site[0])
     page.goto("/units")

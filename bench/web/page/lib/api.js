@@ -5,11 +5,11 @@ import { t } from "./words.js";
 const BASE = "/api/v1";
 const WAIT_S = 20;
 
-/** Error answer of the server; `status` is 0 without any answer. */
+/** Error answer of the server; `status` is 0 without any answer, `wait_s` says when to ask again. */
 export class ApiError extends Error {
-  constructor(status, detail) {
+  constructor(status, detail, wait_s = 0) {
     super(detail);
-    this.status = status;
+    Object.assign(this, { status, wait_s });
   }
 }
 
@@ -23,7 +23,7 @@ async function answer(response) {
   if (response.status === 401 && !response.url.endsWith("/pin")) session.set((now) => now && { ...now, name: null, role: null });
   // What a PIN allowed may be over: who is it now?
   if (response.status === 403 && session.get()?.pin_s) get("/session").then(session.set);
-  throw new ApiError(response.status, body?.detail ?? t("error.no_reason", { status: String(response.status) }));
+  throw new ApiError(response.status, body?.detail ?? t("error.no_reason", { status: String(response.status) }), Number(response.headers.get("Retry-After")));
 }
 
 async function send(method, path, /** @type {{body?: any, form?: FormData, signal?: AbortSignal}} */ { body, form, signal } = {}) {

@@ -6,7 +6,7 @@ import { useLive } from "./live.js";
 import { Dialog, Trouble, useTyping } from "./parts.js";
 import { leave, navigate } from "./router.js";
 import { badge, session, theme, useStore } from "./store.js";
-import { LANGUAGES, language, speak, t } from "./words.js";
+import { LANGUAGES, language, sign, speak, t } from "./words.js";
 
 const PAGES = [
   ["/", "nav.start", "operator"],
@@ -58,8 +58,13 @@ const again = async () => session.set(await get("/session"));
 /** Asks for the PIN; a reader types what is on a badge, and Enter. */
 export function Pin({ id, children }) {
   const [error, setError] = useState(null);
+  const [wait_s, setWait] = useState(0);
   const field = useRef(null);
   useTyping(() => field.current);
+  useEffect(() => {
+    const timer = wait_s && setTimeout(() => setWait(wait_s - 1), 1000);
+    return () => clearTimeout(timer);
+  }, [wait_s]);
   const enter = async (event) => {
     event.preventDefault();
     try {
@@ -68,7 +73,8 @@ export function Pin({ id, children }) {
       await again();
       badge.set(pin);
     } catch (problem) {
-      setError([401, 422].includes(problem.status) ? t("pin.wrong") : problem);
+      setWait(problem.wait_s);
+      setError(problem.wait_s ? null : [401, 422].includes(problem.status) ? t("pin.wrong") : problem);
       field.current.value = "";
       field.current.focus();
     }
@@ -76,7 +82,8 @@ export function Pin({ id, children }) {
   return html`<form class="stack pin" onSubmit=${enter}><h2>${t("pin.title")}</h2>
     <label for=${id}>${t("pin.field")}</label><input id=${id} ref=${field} type="password" inputmode="numeric" autocomplete="off" maxlength="40" required autofocus />
     <${Trouble} error=${error} />
-    <div class="dialog-row">${children}<button type="submit" class="primary">${t("login.enter")}</button></div></form>`;
+    ${wait_s > 0 && html`<p class="notice bad" role="alert">${t("pin.many")}${sign(" ")}<span aria-live="off">${t("pin.wait", { n: wait_s })}</span></p>`}
+    <div class="dialog-row">${children}<button type="submit" class="primary" disabled=${wait_s > 0}>${t("login.enter")}</button></div></form>`;
 }
 
 /** The operator of a screen that is signed in: named by a PIN or a badge, for a while; then the screen is as before. */
