@@ -34,6 +34,23 @@ def test_a_run_whose_analysis_died_is_a_warning_until_somebody_analyses_it(site,
     assert page.get_by_role("link", name="Report").count() == 1
 
 
+def test_a_unit_without_an_analysed_run_has_no_history_yet_and_leads_back_to_its_run(site, visitors):
+    address, out = site
+    folder = make_run(out / "SIM-0099" / "20261121T060000Z_ramp", unit="SIM-0099", **ramp_run())
+    page = visitors.come(address)
+    visitors.of(page).forgives = re.compile("status of 404")
+    page.goto(f"/verdict/SIM-0099/{folder.name}")
+    page.get_by_role("link", name="History of the unit").click()
+    page.get_by_text("SIM-0099 has no history yet").wait_for()
+    page.get_by_role("main").get_by_role("link", name="Run", exact=True).click()
+    page.wait_for_url(f"**/verdict/SIM-0099/{folder.name}")
+    page.goto("/units/SIM-0099?job=SIM-0099/20261121T060000Z")
+    leading = page.get_by_role("main").get_by_role("link", name="Calibration", exact=True)
+    assert leading.get_attribute("href") == "/calibrations/SIM-0099/20261121T060000Z"
+    page.goto("/units/SIM-0099")
+    page.get_by_text("No unit SIM-0099 is known here").wait_for()
+
+
 def test_a_run_that_was_not_analysed_is_analysed_by_one_click(site, visitors):
     address, out = site
     folder = make_run(out / "SIM-0002" / "20261121T060000Z_ramp", **ramp_run())

@@ -8,7 +8,7 @@ import { asGiven, day, duration, effectWord, moment, number, quantityWord, sig, 
 import { limitsName, planName, runTitle, stationName } from "../lib/names.js";
 import { Chart } from "./stock/chart.js";
 import { alike } from "./stock/trend.js";
-import { Outcome, Points, Spark, Tile, useFirst, useGet, Verdict } from "./stock/parts.js";
+import { Outcome, Points, Spark, Tile, useFirst, useGet, Verdict, verdictPlace } from "./stock/parts.js";
 
 /** Runs, calibrations and points of a trend that are asked for at first. */
 const MOST = 100;
@@ -140,13 +140,16 @@ function Summary({ unit }) {
   </div>`;
 }
 
-export default function Unit({ params }) {
+export default function Unit({ params, query }) {
   const [most, setMost] = useState(MOST);
   const ask = (wanted) => setMost(Math.max(most, wanted));
   const { data: unit, error, again } = useGet(`${url`/units/${params.serial}`}?most=${most}`);
   const head = html`<p class="small"><a href="/units">← ${t("units.title")}</a></p>`;
   if (error?.status === 404) {
-    return html`<div class="page stack"><h1>${params.serial}</h1><${Unknown} what=${t("units.unknown", { serial: params.serial })} way="/units" words=${t("units.all")} /></div>`;
+    const from = query.run ? { way: verdictPlace(query.run), words: t("live.run") } : query.job && { way: `/calibrations/${query.job.split("/").map(encodeURIComponent).join("/")}`, words: t("live.of_calibration") };
+    return html`<div class="page stack"><h1>${params.serial}</h1>${from
+      ? html`<${Unknown} what=${t("units.unbegun", { serial: params.serial })} ...${from} />`
+      : html`<${Unknown} what=${t("units.unknown", { serial: params.serial })} way="/units" words=${t("units.all")} />`}</div>`;
   }
   if (error) return html`<div class="page stack">${head}<h1>${params.serial}</h1><${Trouble} error=${error} retry=${again} /></div>`;
   if (!unit) return html`<div class="page stack">${head}<${Busy} /></div>`;

@@ -1,6 +1,6 @@
 // The verdict fills the screen: word, sentence, next step. A fault: what happened, what the bench did, what to do.
 import { html, useEffect, useRef, useState } from "../lib/preact.js";
-import { compute, get, url } from "../lib/api.js";
+import { compute, get, query, url } from "../lib/api.js";
 import { useLive } from "../lib/live.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../lib/parts.js";
 import { navigate } from "../lib/router.js";
@@ -230,6 +230,6 @@ function Ways({ units, run, reported }) {
     ${written && reported && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
     ${may("engineer") && written && units.length === 1 && html`<a class="button" href=${workbench(one)}>${t("verdict.workbench")}</a>`}
     ${written && units.length === 1 && html`<a class="button" href=${`/runs/${one.run}`}>${t("run.open")}</a>`}
-    ${units.length === 1 && html`<a class="button" href=${`/units/${encodeURIComponent(one.unit)}`}>${t("verdict.unit")}</a>`}
+    ${units.length === 1 && html`<a class="button" href=${url`/units/${one.unit}` + query({ run: one.run })}>${t("verdict.unit")}</a>`}
   </div>`;
 }

@@ -1,6 +1,6 @@
 // One calibration: its steps with their states, the run that is live now, what a person has to decide, and its end.
 import { html, useEffect, useRef, useState } from "../../lib/preact.js";
-import { post } from "../../lib/api.js";
+import { post, url } from "../../lib/api.js";
 import { traces, useLive } from "../../lib/live.js";
 import { useLook } from "../../lib/look.js";
 import { Busy, Lamp, Shape, Trouble, Unknown } from "../../lib/parts.js";
@@ -109,7 +109,7 @@ function Ended({ job }) {
     ${job.certificate && html`<a class="button primary" href=${`/api/v1/calibrations/${job.job}/certificate`} target="_blank" rel="noopener">${t("job.print")}</a>`}
     ${may("operator") && html`<a class="button" href="/">${t("verdict.next_unit", { n: 1 })}</a>`}
     <${Repeat} job=${job} />
-    <a class="button" href=${`/units/${encodeURIComponent(job.unit)}`}>${t("verdict.unit")}</a>
+    <a class="button" href=${url`/units/${job.unit}?job=${job.job}`}>${t("verdict.unit")}</a>
   </div>`;
 }
 
