@@ -46,6 +46,7 @@ _PYDANTIC_WORDS = {
     "model_attributes_type": "must hold keys and values",
     "too_short": "must have at least {min_length} of them",
     "too_long": "must have at most {max_length} of them",
+    "string_too_long": "must have at most {max_length} characters",
 }
 
 M = TypeVar("M", bound=BaseModel)

@@ -148,6 +148,7 @@ def test_no_secret_reaches_the_run_folder(tmp_path):
     ("text", "said"),
     [
         ("recipients: []", "recipients is []: must have at least 1 of them"),
+        (f"recipients:\n- {{name: {'a' * 81}, url: 'json://h'}}", "must have at most 80 characters"),
         (
             "recipients:\n- {name: a, url: 'nonsense://h'}",
             ":2: recipients[0].url: apprise has no service 'nonsense://'",

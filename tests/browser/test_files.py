@@ -163,6 +163,10 @@ def test_what_is_wrong_in_a_form_is_told_by_the_name_of_its_field_which_gets_the
             kind.uncheck()
         page.get_by_role("button", name="Save notices").click()
         page.get_by_text("Recipient 1, Is told of: must have at least 1 of them").wait_for()
+        page.locator('[id="recipients.0.name"]').fill("O" * 81)
+        page.get_by_role("group", name="Is told of").get_by_role("checkbox").first.check()
+        page.get_by_role("button", name="Save notices").click()
+        page.get_by_text("Recipient 1, Name, as events call it: must have at most 80 characters").wait_for()
         for name in ("name", "serial", "due"):
             page.locator(f'[id="equipment.0.{name}"]').fill("2026-12-01")
         page.locator('[id="equipment.0.uncertainty.0.value"]').fill("0.1")

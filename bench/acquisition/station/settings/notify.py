@@ -17,7 +17,7 @@ class Recipient(BaseModel):
 
     model_config = STRICT
 
-    name: Text
+    name: Annotated[str, Field(min_length=1, max_length=80)]
     """What events and messages call it; the URL is never shown."""
     url: Text
     """URL of a service of the library apprise, such as `mailtos://…`, `jsons://…` (a webhook), `dbus://` (desktop)."""
