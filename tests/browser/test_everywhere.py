@@ -22,7 +22,7 @@ from tests.support.unit_history import UNIT, unit_with_history
 from tests.support.visiting import DESKTOP, PHONE, TABLET, english, picture
 
 SEED = 7  # hides `aging`
-GRAVE = {"serious", "critical"}
+GRAVE = {"moderate", "serious", "critical"}
 GIVEN = {"simulated", "ramp"}
 """Names of a station and of segments, given by their files, that happen to be English words."""
 
@@ -111,7 +111,7 @@ def go(page, place, names, bench):
 
 
 def axe(page):
-    """Violations of serious and critical impact: rule, what it wants, where."""
+    """Violations of moderate, serious and critical impact: rule, what it wants, where."""
     found = Axe().run(page).response
     return [
         (one["id"], one["help"], node["target"], node.get("failureSummary"))

@@ -352,6 +352,14 @@ def test_a_segment_that_is_held_is_not_told_as_a_soak() -> None:
     assert told_of == ["ramp to −30\u00a0°C at 0.5\u00a0°C/min", "held at 23\u00a0°C"]
 
 
+def test_a_run_is_named_by_its_unit_and_moment_where_the_bench_names_its_folder() -> None:
+    run = "GX-7/20261128T120000Z_ramp_-40_85"
+    given = [f"{run}: no such run folder", f"`bench report {run}`", "profiles/ramp_-40_85.yaml: 1/2"]
+    named, typed, file = spoken("lib/said.js", "runsNamed", given, "en")
+    assert re.fullmatch(r"GX-7 · .+ · Nov\s28,\s2026, .+: no such run folder", named)
+    assert [typed, file] == given[1:]
+
+
 def test_negative_numbers_have_the_minus_of_the_figures_and_nothing_else_has() -> None:
     given = ["chamber -47 °C (unit -46.5 °C), -40…-20", "`bench run -5`, GX-7 of 2026-11-28, 1e-05, ramp_-40_85.yaml"]
     assert spoken("lib/said.js", "signed", given, "en") == ["chamber −47 °C (unit −46.5 °C), −40…−20", given[1]]

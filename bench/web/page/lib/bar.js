@@ -55,8 +55,8 @@ function Language() {
 
 const again = async () => session.set(await get("/session"));
 
-/** Asks for the PIN; a reader types what is on a badge, and Enter. */
-export function Pin({ id, children }) {
+/** Asks for the PIN; a reader types what is on a badge, and Enter. `Head`: level of its heading. */
+export function Pin({ id, children, head: Head = "h2" }) {
   const [error, setError] = useState(null);
   const [wait_s, setWait] = useState(0);
   const field = useRef(null);
@@ -79,7 +79,7 @@ export function Pin({ id, children }) {
       field.current.focus();
     }
   };
-  return html`<form class="stack pin" onSubmit=${enter}><h2>${t("pin.title")}</h2>
+  return html`<form class="stack pin" onSubmit=${enter}><${Head}>${t("pin.title")}<//>
     <label for=${id}>${t("pin.field")}</label><input id=${id} ref=${field} type="password" inputmode="numeric" autocomplete="off" maxlength="40" required autofocus />
     <${Trouble} error=${error} />
     ${wait_s > 0 && html`<p class="notice bad" role="alert">${t("pin.many")}${sign(" ")}<span aria-live="off">${t("pin.wait", { n: wait_s })}</span></p>`}

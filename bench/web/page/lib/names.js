@@ -33,6 +33,9 @@ export function planName(run) {
   return file ? t("units.kind.import_of", { file }) : planTitle({ id: run.profile, shipped: run.shipped, title: run.profile?.replaceAll("_", " ") || t("live.run") });
 }
 
+/** A run by its id, with its unit. */
+export const runName = (run) => `${run.split("/")[0]} · ${runTitle(run)}`;
+
 /** A run by its id, for people: plan and moment; a folder that is not named by both keeps its name. */
 export function runTitle(run) {
   const folder = run.split("/").pop();

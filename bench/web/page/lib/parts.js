@@ -39,8 +39,8 @@ export function Trouble({ error, retry, forget = retry }) {
   </div>`;
 }
 
-/** Shown where the address names nothing: a sentence and a way on, an address or what a button does. */
-export const Unknown = ({ what, way, words }) => html`<div class="notice warn" role="alert"><p>${what}</p>
+/** Shown where the address names nothing: a sentence and a way on, an address or what a button does; of a whole page with its `title`. */
+export const Unknown = ({ title, what, way, words }) => html`${title && html`<h1>${title}</h1>`}<div class="notice warn" role="alert"><p>${what}</p>
   <p>${typeof way === "string" ? html`<a class="button narrow" href=${way}>${words}</a>` : html`<button type="button" class="narrow" onClick=${way}>${words}</button>`}</p></div>`;
 
 /** A text field: `onGiven(text)` when it is left or at Enter. Until then it keeps what is typed, also while the page is drawn again. */

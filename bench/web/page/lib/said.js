@@ -1,5 +1,6 @@
 // A text of the bench in the reader's language.
 import { html } from "./preact.js";
+import { runName } from "./names.js";
 import { store, useStore } from "./store.js";
 import { language, or, t, unbroken } from "./words.js";
 
@@ -44,7 +45,11 @@ export const advised = (text) =>
 /** Negative numbers with a true minus, as in the figures; what is to be typed (`…`), names, dates and exponents stay. */
 export const signed = (text) => text.replace(/`[^`]*`|(?<![\w.,/+:–−-])-(?=\d)/g, (found) => (found === "-" ? "−" : found));
 
-const shown = (text, whole, names) => text && unbroken(advised(signed(whole ? sentence(text, names) : text)));
+/** A run that is named by its folder, but for one in what is to be typed. */
+const FOLDER = /`[^`]*`|(?<![\w./-])[^\s/:;,()“«`]+\/\d{8}T\d{6}Z_[^\s/:;,()”»`]+(?!\w)/g;
+export const runsNamed = (text) => text.replace(FOLDER, (found) => (found[0] === "`" ? found : runName(found)));
+
+const shown = (text, whole, names) => text && unbroken(advised(runsNamed(signed(whole ? sentence(text, names) : text))));
 
 /** A finding as a sentence: a plain word at its begin is capital, but none of the user's `names`, and it ends. */
 export const sentence = (text, names = []) =>

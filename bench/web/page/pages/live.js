@@ -4,6 +4,7 @@ import { get, url } from "../lib/api.js";
 import { traces, useLive } from "../lib/live.js";
 import { useLook } from "../lib/look.js";
 import { Busy, Trouble, Unknown } from "../lib/parts.js";
+import { runName } from "../lib/names.js";
 import { navigate } from "../lib/router.js";
 import { may } from "../lib/store.js";
 import { Trace } from "../lib/trace.js";
@@ -62,7 +63,7 @@ function Missing({ id, params }) {
     look();
     return () => clearTimeout(timer);
   }, [id]);
-  if (error?.status === 404) return html`<div class="page"><${Unknown} what=${t("live.unknown", { run: id })} way="/live" words=${t("nav.live")} /></div>`;
+  if (error?.status === 404) return html`<div class="page stack"><${Unknown} title=${id.split("/")[0]} what=${t("live.unknown", { run: runName(id) })} way="/live" words=${t("nav.live")} /></div>`;
   return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy}>${t("live.looking")}<//>`}</div>`;
 }
 

@@ -8,7 +8,7 @@ import { may } from "../lib/store.js";
 import { duration, moment, sign, t } from "../lib/words.js";
 import { Signed } from "./calibrations/signed.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
-import { isOffered, limitsName, planName, planTitle, stationName } from "../lib/names.js";
+import { isOffered, limitsName, planName, planTitle, runName, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
 import { Said } from "../lib/said.js";
 import { inSlot } from "../lib/units.js";
@@ -158,7 +158,7 @@ export default function Run({ params }) {
   const { data: run, error, again } = useGet(path);
   const unit = run?.unit ?? params.unit;
   const head = html`<p class="small"><a href=${`/units${ofLot(run) ? "?q=" : "/"}${encodeURIComponent(unit)}`}>← ${unit}</a></p>`;
-  if (error?.status === 404) return html`<div class="page stack">${head}<${Unknown} what=${t("live.unknown", { run: `${params.unit}/${params.run}` })} way="/units" words=${t("units.all")} /></div>`;
+  if (error?.status === 404) return html`<div class="page stack">${head}<${Unknown} title=${params.unit} what=${t("live.unknown", { run: runName(`${params.unit}/${params.run}`) })} way="/units" words=${t("units.all")} /></div>`;
   if (!run) return html`<div class="page stack">${head}${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   const { manifest } = run;
   const link = encodeURIComponent(run.run);

@@ -116,7 +116,7 @@ export default function Start({ query }) {
   useEffect(() => {
     if (step !== "unit") heading.current?.focus(); // there the field has it
   }, [step]);
-  if (!may("operator")) return html`<div class="page stack"><div class="notice warn"><p>${t("start.not_allowed")}</p></div>${who.pins && !who.pin_s && html`<${Pin} id="pin-here" />`}</div>`;
+  if (!may("operator")) return html`<div class="page stack"><div class="notice warn"><p>${t("start.not_allowed")}</p></div>${who.pins && !who.pin_s && html`<${Pin} id="pin-here" head="h1" />`}</div>`;
   const awaited = !choices.plans && (choices.error ? html`<${Trouble} error=${choices.error} retry=${choices.load} />` : html`<${Busy} />`);
   if (awaited && (given || step !== "unit")) return html`<div class="page">${awaited}</div>`;
   const answer = (more) => {

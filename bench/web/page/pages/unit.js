@@ -147,9 +147,9 @@ export default function Unit({ params, query }) {
   const head = html`<p class="small"><a href="/units">← ${t("units.title")}</a></p>`;
   if (error?.status === 404) {
     const from = query.run ? { way: verdictPlace(query.run), words: t("live.run") } : query.job && { way: `/calibrations/${query.job.split("/").map(encodeURIComponent).join("/")}`, words: t("live.of_calibration") };
-    return html`<div class="page stack"><h1>${params.serial}</h1>${from
-      ? html`<${Unknown} what=${t("units.unbegun", { serial: params.serial })} ...${from} />`
-      : html`<${Unknown} what=${t("units.unknown", { serial: params.serial })} way="/units" words=${t("units.all")} />`}</div>`;
+    return html`<div class="page stack">${from
+      ? html`<${Unknown} title=${params.serial} what=${t("units.unbegun", { serial: params.serial })} ...${from} />`
+      : html`<${Unknown} title=${params.serial} what=${t("units.unknown", { serial: params.serial })} way="/units" words=${t("units.all")} />`}</div>`;
   }
   if (error) return html`<div class="page stack">${head}<h1>${params.serial}</h1><${Trouble} error=${error} retry=${again} /></div>`;
   if (!unit) return html`<div class="page stack">${head}<${Busy} /></div>`;

@@ -29,7 +29,7 @@ export function CalibrationView({ id }) {
     if (ended) heading.current?.focus({ preventScroll: true });
   }, [job?.state]);
   useOutcome(job ? stateWord(job) : "");
-  if (!job && error?.status === 404) return html`<div class="page"><${Unknown} what=${t("job.unknown", { job: id })} way="/calibrations" words=${t("nav.calibrations")} /></div>`;
+  if (!job && error?.status === 404) return html`<div class="page stack"><${Unknown} title=${id.split("/")[0]} what=${t("job.unknown", { job: id })} way="/calibrations" words=${t("nav.calibrations")} /></div>`;
   if (!job) return html`<div class="page">${error ? html`<${Trouble} error=${error} />` : html`<${Busy} />`}</div>`;
   return html`<article class="job">
     <header class=${`headline tone-${toneOf(job)}`}>

@@ -12,6 +12,7 @@ import { Pictures } from "./pictures.js";
 import { ask, companions, known, likelyRole, useJob, useSession } from "./session.js";
 import { labelOf, labelWord, same } from "./state.js";
 import { timesFloor } from "../../lib/floor.js";
+import { runName } from "../../lib/names.js";
 import { Unknown } from "../../lib/parts.js";
 import { joined, sign } from "../../lib/words.js";
 import { Suspects, pictureOf } from "./suspects.js";
@@ -225,7 +226,7 @@ export function Page({ query = {} }) {
     ${choosing && html`<div class="wb-card"><${Chooser} taken=${taken} onChoose=${adding ? take : begin} label=${adding ? t("workbench.chooser.add") : null} />
       ${chosen.length > 0 && html`<p><button type="button" class="narrow" onClick=${() => setMode("bench")}>${t("workbench.chooser.back")}</button></p>`}</div>`}
     ${unread && models.read && html`<p class="wb-warn" role="alert">${t("workbench.address.wrong", { given: session.wrong.slice(0, 60), model: session.model.name })}</p>`}
-    ${unknown && html`<${Unknown} what=${t("live.unknown", { run: unknown })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
+    ${unknown && html`<${Unknown} what=${t("live.unknown", { run: runName(unknown) })} way=${() => act({ type: "choose", runs: [] })} words=${t("workbench.chosen.other")} />`}
     ${!choosing && !unknown && mode === "compare" && html`<${Compare} a=${chosen[0].run} b=${session.compare} setB=${compare} onClose=${() => { compare(""); setMode("bench"); }} />`}
     ${!choosing && !unknown && mode !== "compare" && (session.runs ? (ready && html`<${Bench} session=${session} models=${models} turned=${Boolean(first?.table)} whole=${outputs.length > 0 && first.calibration ? chosen[0].run : null} reported=${first?.diagnosis?.model} />`) : html`<p class="wb-warn" role="alert">${t("workbench.chosen.no_fit")}</p>`)}
   </div>`;
