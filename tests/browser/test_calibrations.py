@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
 from bench.base import library
 from bench.commands import STEP_NAMES, JobFile, Order
@@ -313,6 +314,7 @@ def test_a_calibration_that_stopped_is_printed_whole_and_says_why_in_the_readers
     page.route("**/api/v1/calibrations/GX-1/1", lambda route: route.fulfill(json=job))
     page.goto("/calibrations/GX-1/1")
     page.locator(".job-mates").wait_for()
+    assert Axe().run(page).response["violations"] == []
     assert english(page) == []
     box = "document.querySelector('.job-mates').parentElement"
     assert page.locator(".job-steps a[href='/verdict/GX-1/r1']").count() == 1, "why it is INVALID"

@@ -182,7 +182,7 @@ function Lacks({ params, of, cut }) {
   const row = (head, part, name) => html`<tr key=${`${part} ${name}`}><th scope="row">${head}</th><td class="n"><b>${sum(part, name)}</b></td>${shown.map((lot) => html`<td key=${lot.lot} class="n">${lot[part][name] ?? 0}</td>`)}</tr>`;
   return html`<p>${t("fleet.diagnosed", { n: data.units })}${sign(" ")}${Object.keys(data.models).length > 1 ? html`<select aria-label=${t("workbench.model.title")} onChange=${(event) => setModel(event.target.value)}>
       ${Object.keys(data.models).map((name) => html`<option key=${name} value=${name} selected=${name === data.model}>${name}</option>`)}</select>` : html`<code>${data.model}</code>`}</p>
-    <div class="scroll" tabindex="0" role="region" aria-label=${t("fleet.lacks")}><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lotName(lot, cut)}</th>`)}</tr></thead>
+    <div class="scroll" tabindex="0" role="region" aria-labelledby="lacks"><table class="st-table"><thead><tr><th scope="col">${t("fleet.effect")}</th><th scope="col" class="n">${t("fleet.all")}</th>${shown.map(({ lot }) => html`<th key=${lot} scope="col" class="n">${lotName(lot, cut)}</th>`)}</tr></thead>
       <tbody>${effects.map((effect) => row(effectWord(effect), "lacks", effect))}
         ${WORDS.map((word) => row(outcomeWord(word), "verdicts", word))}
         <tr><th scope="row">${t("fleet.head.units")}</th><td class="n"><b>${data.units}</b></td>${shown.map(({ lot, units }) => html`<td key=${lot} class="n">${units}</td>`)}</tr></tbody></table></div>
@@ -208,7 +208,7 @@ function Board({ fleet, params }) {
     <section class="stack" aria-labelledby="control"><h2 id="control">${t("fleet.control")}</h2>
       ${chosen ? html`<${Control} name=${chosen} params=${params} anchor=${anchor} /><p class="soft small">${t("fleet.control_note")}</p>` : html`<p class="soft">${t("fleet.too_few_chart")}</p>`}</section>
     <section class="stack" aria-labelledby="drift"><h2 id="drift">${t("fleet.drift")}</h2><${Drifts} fleet=${fleet} /><${Shifts} fleet=${fleet} /></section>
-    <section class="stack" aria-labelledby="lacks"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} of=${fleet.units} cut=${fleet.choices.cut} /></section>
+    <section class="stack"><h2 id="lacks">${t("fleet.lacks")}</h2><${Lacks} params=${params} of=${fleet.units} cut=${fleet.choices.cut} /></section>
     <section class="stack" aria-labelledby="odd"><h2 id="odd">${t("fleet.unlike")}</h2><${Odd} fleet=${fleet} />
       ${fleet.distances && html`<${Control} name="distances" params=${params} />`}</section>`;
 }

@@ -71,11 +71,11 @@ const TONES = { agrees: "good", disagrees: "bad", "no link": "bad", unknown: "id
 function Doctor({ station }) {
   const job = useAct();
   const { result } = job;
-  return html`<section class="panel stack" aria-labelledby="doctor"><h2 id="doctor">${t("doctor.title")}</h2><p class="small soft">${t("doctor.what")}</p>
+  return html`<section class="panel stack"><h2 id="doctor">${t("doctor.title")}</h2><p class="small soft">${t("doctor.what")}</p>
     <p><button type="button" disabled=${job.busy} onClick=${() => job.act(url`/stations/${station}/doctor`, {})}>${t("doctor.ask")}</button></p>
     <${Going} job=${job} />
     ${result && html`<p role="status"><${Lamp} tone=${result.agrees ? "good" : "bad"}>${t(result.agrees ? "doctor.all" : "doctor.differs")}<//></p>
-      <div class="scroll" tabindex="0" role="region" aria-label=${t("doctor.title")}><table><tbody>${result.findings.map(({ what, verdict, detail, uncertain }) => html`
+      <div class="scroll" tabindex="0" role="region" aria-labelledby="doctor"><table><tbody>${result.findings.map(({ what, verdict, detail, uncertain }) => html`
         <tr key=${`${what} ${detail}`}><td><${Lamp} tone=${TONES[verdict]}>${t(`doctor.${verdict.replace(" ", "_")}`)}<//></td><th scope="row"><${Said} text=${what} /></th><td><${Said} text=${detail} />${uncertain && html`<span class="soft">${sign(" (")}${t("doctor.weak")}${sign(")")}</span>`}</td></tr>`)}</tbody></table></div>`}
   </section>`;
 }

@@ -60,8 +60,8 @@ export function CalibrationView({ id }) {
 /** All units that were started together: each step's state, and how each of them stands. */
 function Together({ job }) {
   if (!job.together.length) return null;
-  return html`<section aria-labelledby="together"><h2 id="together">${t("job.together")}</h2>
-    <div class="scroll" tabindex="0" role="region" aria-label=${t("job.together")}><table class="job-list job-mates">
+  return html`<section><h2 id="together">${t("job.together")}</h2>
+    <div class="scroll" tabindex="0" role="region" aria-labelledby="together"><table class="job-list job-mates">
       <thead><tr><th scope="col">${t("job.head.unit")}</th><th scope="col">${t("job.head.state")}</th>${job.steps.map(({ name }) => html`<th key=${name} scope="col">${t(`step.name.${name}`)}</th>`)}</tr></thead>
       <tbody>${job.together.map((mate) => html`<tr key=${mate.unit} aria-current=${mate.job === job.job ? "true" : undefined}>
         <th scope="row"><a class="mono" href=${`/calibrations/${mate.job}`}>${mate.unit}</a></th>
