@@ -145,6 +145,31 @@ def test_an_error_or_a_floor_that_is_not_known_says_why(page):
     page.unroute_all(behavior="ignoreErrors")
 
 
+def test_a_formula_that_no_unit_can_hold_leads_to_the_next_that_one_can(page):
+    shared = {"evidence": 40.0, "held_out_before_dph": 0.9, "beside": [], "words": "", "like": "", "equivalent": [],
+              "caution": "", "partial": None, "add": []}  # fmt: skip
+    of_time = {"formula": "k * time", "held_out_rms_dph": 0.103, "unheld": "expression: cannot be delivered"}
+    of_quadrature = {"formula": "k * quadrature", "held_out_rms_dph": 0.412, "unheld": ""}
+    formulas = [of_time, of_quadrature]
+
+    def unknown(route):
+        told = route.fetch().json()
+        if told["kind"] == "diagnosis" and told["state"] == "done":
+            told["result"] |= {"verdict": "unknown_effect", "formulas": [{**shared, **one} for one in formulas]}
+        route.fulfill(json=told)
+
+    page.route("**/api/v1/jobs/*", unknown)
+    choose(page)
+    first = page.locator(".wb-suspect", has_text="k * time").first
+    first.get_by_text("The next that a unit can hold, k * quadrature, leaves 0.412 instead of 0.103 deg/h").wait_for()
+    assert page.locator(".wb-suspect button.primary").count() == 0, "nothing leads to what cannot be written"
+    formulas.reverse()
+    page.reload()
+    page.locator(".wb-suspect", has_text="k * quadrature").locator("button.primary").wait_for()
+    assert page.get_by_text("The next that a unit can hold").count() == 0
+    page.unroute_all(behavior="ignoreErrors")
+
+
 def take_the_others(page):
     """Use the check run and the static run that the page offers."""
     for role in ("Check", "Static"):

@@ -76,16 +76,18 @@ export const leads = ({ verdict, formulas }) => verdict === "unknown_effect" && 
 
 /** Formulas for what the catalogue does not hold. */
 function Formulas({ found, lead, busy, picked, onAdd, onPicture }) {
-  const { formulas } = found;
-  if (!formulas?.length) return null;
-  return html`<h3>${t("workbench.formula.title")}</h3><ol class="wb-suspects">${formulas.slice(0, SHOWN).map((one, i) => html`<li key=${one.formula} class=${`wb-suspect ${i ? "" : "wb-found"}`}>
+  if (!found.formulas?.length) return null;
+  const shown = found.formulas.slice(0, SHOWN);
+  const held = shown.find(({ unheld }) => !unheld);
+  return html`<h3>${t("workbench.formula.title")}</h3><ol class="wb-suspects">${shown.map((one, i) => html`<li key=${one.formula} class=${`wb-suspect ${i ? "" : "wb-found"}`}>
     <div class="wb-suspect-head"><h4><code>${one.formula}</code></h4>
       ${one.partial && html`<button type="button" class="wb-link" aria-pressed=${picked === one.formula ? "true" : "false"}
         aria-label=${`${picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}${sign(": ")}${one.formula}`}
         onClick=${() => onPicture(picked === one.formula ? "" : one.formula)}>${
           picked === one.formula ? t("workbench.suspect.picture_off") : t("workbench.suspect.picture")}</button>`}
-      <button type="button" class=${lead && !i ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(one)}
+      <button type="button" class=${lead && !i && !one.unheld ? "primary narrow" : "narrow"} disabled=${busy} onClick=${() => onAdd(one)}
         aria-label=${t("workbench.suspect.add_named", { effect: one.formula })}>${t("workbench.suspect.add")}</button></div>
+    ${!i && one.unheld && held && html`<p class="wb-warn">${t("workbench.formula.next", { formula: held.formula, after: number(held.held_out_rms_dph), best: number(one.held_out_rms_dph) })}</p>`}
     <p><span class="wb-evidence-word">${t("workbench.suspect.evidence", { value: number(one.evidence) })}</span>${sign(", ")}
       <b>${number(one.held_out_before_dph)} → ${number(one.held_out_rms_dph)} ${symbols("deg/h")}</b> ${seenOn(found)}</p>
     <${Beside} effects=${one.beside} />
