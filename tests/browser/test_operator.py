@@ -765,7 +765,13 @@ def test_after_too_many_wrong_pins_the_form_counts_the_seconds_and_accepts_again
         visitors.of(page).forgives = re.compile("status of 429")
         page.clock.install()
         page.goto("/")
+        slow = {"status": 429, "json": {"detail": "too many wrong tokens from 127.0.0.1: wait 5 s"}}
+        page.route("**/api/v1/session", lambda route: route.fulfill(**slow), times=1)
         page.get_by_label("Token").fill(viewer)
+        page.keyboard.press("Enter")
+        told = page.get_by_role("alert")
+        told.wait_for()
+        assert told.inner_text().replace("\xa0", " ") == "Too many wrong tokens from 127.0.0.1: wait 5 s."
         page.keyboard.press("Enter")
         refused = {"status": 429, "headers": {"Retry-After": "5"}, "json": {"detail": "too many wrong PINs: wait 5 s"}}
         page.route("**/session/pin", lambda route: route.fulfill(**refused))

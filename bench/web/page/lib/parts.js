@@ -34,7 +34,7 @@ export function Trouble({ error, retry, forget = retry }) {
     });
   }, [error]);
   return error && html`<div class="notice bad" role="alert">
-    <p><${Said} text=${error.message ?? String(error)} /></p>
+    <p><${Said} text=${error.message ?? String(error)} whole /></p>
     ${retry && html`<p><button class="narrow" onClick=${retry}>${t("error.retry")}</button></p>`}
   </div>`;
 }
