@@ -40,15 +40,15 @@ def test_values_beside_all_earlier_ones_are_normal_without_a_known_level():
     assert not standardised(np.full(9, 2.0)).any()
 
 
-def fleet(seed, *, shift=0.0, units=4000, stations=10, lot_sigma=2.0, mixed=True, shape="normal", bad=0.0):
-    """Units of spread 1, a lot of 100 after the other; station 3 is off by `shift` from the middle on."""
+def fleet(seed, *, shift=0.0, drift=0.0, units=4000, stations=10, lot_sigma=2.0, mixed=True, shape="normal", bad=0.0):
+    """Units of spread 1, a lot of 100 after the other; station 3 is off by `shift` from the middle on, or drifts."""
     random = np.random.default_rng(seed)
     days, lot = np.sort(random.uniform(0.0, 100.0, units)), np.arange(units) // 100
     station = random.integers(0, stations, units) if mixed else random.integers(0, stations, lot[-1] + 1)[lot]
     drawn = {"normal": random.normal, "heavy": lambda size: random.standard_t(3, size),
              "skewed": lambda size: random.lognormal(0.0, 1.0, size)}[shape](size=units)  # fmt: skip
     values = drawn + random.normal(0.0, lot_sigma, lot[-1] + 1)[lot] + 0.3 * station
-    values = values + np.where((station == 3) & (days > 50.0), shift, 0.0)
+    values = values + np.where(station == 3, np.where(days > 50.0, shift, 0.0) + drift * days / 100.0, 0.0)
     values[1234 % units] += bad
     return Levelled.of(values, days * DAY_S, [f"S{i}" for i in station], [f"L{i:02d}" for i in lot])
 
@@ -71,6 +71,14 @@ def test_a_station_that_shifts_is_found_with_its_time_and_size(shift):
         assert one.before == pytest.approx(200, abs=60)
         assert one.change == pytest.approx(shift, abs=0.7)
         assert one.since < one.row < one.since + 700
+
+
+@pytest.mark.parametrize("size", [-2.0, 8.0])
+def test_a_step_of_a_station_is_told_from_a_drift(size):
+    for seed in range(5):
+        (step,) = found_in(fleet(seed, shift=size))
+        (ramp,) = found_in(fleet(seed, drift=2 * size))
+        assert (step.sudden, ramp.sudden) == (True, False)
 
 
 def test_the_average_says_whether_a_station_is_still_off():

@@ -227,7 +227,7 @@ def test_what_needs_attention_is_named_and_a_station_that_drifts_not_again_for_i
         units = {"outside": 1, "outside_units": ["L0-0003"], "unjudged": 8,
                  "unjudged_units": [f"L1-004{n}" for n in range(6)], "later": 1,
                  "later_runs": [{"unit": "L0-0007", "run": "L0-0007/20260309T000000Z_ramp"}]}  # fmt: skip
-        moving = {"stations": ["station-B"], "shifted": ["station-A"]}
+        moving = {"stations": ["station-B"], "shifted": shifts[:1]}
         fleet.setdefault("attention", {}).update(moving | units)  # it is being counted at first
         route.fulfill(response=answer, json=fleet)
 
@@ -235,7 +235,9 @@ def test_what_needs_attention_is_named_and_a_station_that_drifts_not_again_for_i
     page.goto("/fleet?q=L")
     lines = page.locator(".st-attention li")
     lines.filter(has_text=re.compile("^Drifting stations: station-B$")).wait_for()
-    lines.filter(has_text=re.compile("^Shifted stations: station-A$")).wait_for()
+    lines.filter(
+        has_text=re.compile(r"^Shifted stations: station-A \(Noise floor \+0\.00500 deg/h since Apr\s9,\s2026\)$")
+    ).wait_for()
     lines.filter(has_text="8 units are not judged").filter(has_text="L1-0045 and 2 more").wait_for()
     newer = lines.filter(has_text="The newest run of 1 unit is not judged").get_by_role("link", name="L0-0007")
     assert newer.get_attribute("href") == "/verdict/L0-0007/20260309T000000Z_ramp"

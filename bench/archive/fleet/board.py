@@ -52,12 +52,12 @@ def overview(found: Statistics) -> Found:
         "stations": len({one.station for one in newest}),
         "from": newest[0].created,
         "to": newest[-1].created,
-        "attention": _attention(found, content.pop("later")),
+        "attention": _attention(found, content.pop("later"), content["shifts"]),
         "distances": bool(np.any(np.isfinite(found.distances))),
     }
 
 
-def _attention(found: Statistics, later: list[Found]) -> Found:
+def _attention(found: Statistics, later: list[Found], shifts: list[Found]) -> Found:
     """The parts of the sentence that `bench fleet` prints."""
     return {
         "quiet": found.quiet,
@@ -69,7 +69,7 @@ def _attention(found: Statistics, later: list[Found]) -> Found:
         "later": len(later),
         "later_runs": later[-_MOST_NAMED:],
         "stations": found.drifted("station"),
-        "shifted": found.shifted(),
+        "shifted": [shifts[found.shifts.index(one)] for one in found.shifted()],
         "lots": found.drifted("lot"),
         "odd": [found.fleet.newest[one.row].unit for one in found.odd],
         "beyond": found.beyond,

@@ -68,6 +68,8 @@ class Shift:
     """Units of the station from the change on …"""
     before: int
     """… and before."""
+    sudden: bool
+    """Whether a step follows the units of the station better than a line over time."""
 
 
 @lru_cache(maxsize=256)
@@ -124,7 +126,8 @@ def shifts(levelled: Levelled, quantity: str, charts: Sequence[ControlChart]) ->
         after, before = bare[own[since:]], bare[own[:since]]
         change = float(np.median(after) - np.median(before)) if before.size else np.nan
         row, begin = (int(levelled.rows[own[i]]) for i in (at, since))
-        yield Shift(levelled.names[place], quantity, kind, row, begin, change, own.size - since, since)
+        sudden = _is_step(scores[own], levelled.time_s[own], since)
+        yield Shift(levelled.names[place], quantity, kind, row, begin, change, own.size - since, since, sudden)
 
 
 def latest(levelled: Levelled, charts: Sequence[ControlChart]) -> dict[str, float]:
@@ -146,6 +149,13 @@ def _changed(z: FloatArray) -> int:
     before = np.arange(1.0, z.size)
     apart = np.cumsum(z - z.mean())[:-1] ** 2 * (1.0 / before + 1.0 / (z.size - before))
     return int(np.argmax(apart)) + 1
+
+
+def _is_step(z: FloatArray, time_s: FloatArray, since: int) -> bool:
+    """Whether a step at this index follows values (n,) better, in least squares, than a line over time."""
+    line = np.polynomial.Polynomial.fit(time_s, z, 1)(time_s)
+    step = np.where(np.arange(z.size) < since, z[:since].mean(), z[since:].mean())
+    return bool(np.sum((z - step) ** 2) < np.sum((z - line) ** 2))
 
 
 def _bare(levelled: Levelled, values: FloatArray, odd: Sequence[int]) -> FloatArray:

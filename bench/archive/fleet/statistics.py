@@ -106,13 +106,22 @@ class Statistics:
         return [one.name for one in self.measured if one.chart and any(s.rule == 1 for s in one.chart.signals)]
 
     def drifted(self, kind: str) -> list[str]:
-        """Stations or lots that differ from the others."""
-        return list(dict.fromkeys(one.place for one in self.drifts if one.kind == kind and one.significant))
+        """Lots that differ from the others, or stations that drift."""
+        return list(dict.fromkeys(place for place, _ in self._drifting(kind)))
 
-    def shifted(self) -> list[str]:
-        """Stations that have left their level and do not drift: one that drifts has left it, too, and is told once."""
-        drifting = {(one.place, one.quantity) for one in self.drifts if one.kind == "station" and one.significant}
-        return list(dict.fromkeys(one.place for one in self.shifts if (one.place, one.quantity) not in drifting))
+    def shifted(self) -> list[Shift]:
+        """The first shift of each station, but of one that drifts: that has left its level, too, and is told once."""
+        drifting, found = self._drifting("station"), dict[str, Shift]()
+        for one in self.shifts:
+            if (one.place, one.quantity) not in drifting:
+                found.setdefault(one.place, one)
+        return list(found.values())
+
+    def _drifting(self, kind: str) -> list[tuple[str, str]]:
+        """Places and quantities; a sudden shift of a station, which has a slope, too, is no drift."""
+        sudden = [("station", one.place, one.quantity) for one in self.shifts if one.sudden]
+        found = [one for one in self.drifts if one.kind == kind and one.significant]
+        return [(one.place, one.quantity) for one in found if (kind, one.place, one.quantity) not in sudden]
 
     @property
     def quiet(self) -> bool:
@@ -225,7 +234,7 @@ def _shift(one: Shift, fleet: Fleet) -> dict[str, Any]:
     unit, since = fleet.newest[one.row].unit, fleet.newest[one.since]
     return {"place": one.place, "quantity": one.quantity, "chart": one.chart, "change": finite(one.change),
             "since": since.unit, "since_created": since.created, "unit": unit, "before": one.before,
-            "count": one.count}  # fmt: skip
+            "count": one.count, "sudden": one.sudden}  # fmt: skip
 
 
 def _plain(content: dict[str, Any]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import { offered } from "./workbench/offered.js";
 const unitLink = (serial) => html`<a href=${`/units/${encodeURIComponent(serial)}`}>${serial}</a>`;
 /** Texts or links in one line, the first of `of`. */
 const listed = (items, of = items.length, most = 6) => items.slice(0, most).flatMap((item, i) => (i ? [joined(["", ""]), item] : [item])).concat(of > most ? [`${sign(" ")}${t("fleet.more", { n: of - most })}`] : []);
+const changeOf = ({ change }) => `${change > 0 ? "+" : ""}${sig(change)}`;
 const percent = (share) => `${number(100 * share, 1)}${sign(" %")}`;
 
 function Attention({ fleet }) {
@@ -29,7 +30,7 @@ function Attention({ fleet }) {
     unjudged > 0 && ["warn", html`${t("fleet.not_judged", { n: unjudged })}${sign(" ")}${fleet.missing.length ? html`${t("fleet.missing")}${sign(" ")}${listed(fleet.missing.map(quantityWord))}` : listed(unjudged_units.map(unitLink), unjudged)}`],
     later > 0 && ["warn", html`${t("fleet.later", { n: later })}${sign(" ")}${listed(later_runs.map(({ unit, run }) => html`<a href=${verdictPlace(run)} title=${runTitle(run)}>${unit}</a>`), later)}`],
     stations.length > 0 && ["warn", html`${t("fleet.stations_drift")}${sign(" ")}${listed(stations.map(stationName))}`],
-    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")}${sign(" ")}${listed(shifted.map(stationName))}`],
+    shifted.length > 0 && ["warn", html`${t("fleet.stations_shifted")}${sign(" ")}${listed(shifted.map((one) => `${stationName(one.place)}${sign(" (")}${quantityWord(one.quantity)} ${changeOf(one)} ${symbols(one.unit_of_value)} ${t("fleet.since_day", { day: day(one.since_created) })}${sign(")")}`))}`],
     lots.length > 0 && ["warn", html`${t("fleet.lots_differ")}${sign(" ")}${listed(lots.map((lot) => lotName(lot, fleet.choices.cut)))}`],
     odd.length > 0 && ["warn", html`${t("fleet.odd")}${sign(" ")}${listed(odd.map(unitLink))}`],
     beyond.length > 0 && ["warn", html`${t("fleet.beyond")}${sign(" ")}${listed(beyond.map(quantityWord))}`],
@@ -127,7 +128,7 @@ function Drifts({ fleet }) {
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.place")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col" class="n">p</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
     <tbody>${fleet.drifts.map((one, i) => html`<tr key=${i}><th scope="row">${t(`fleet.kind.${one.kind}`)} ${one.kind === "station" ? stationName(one.place) : lotName(one.place, fleet.choices.cut)}</th><td>${quantityWord(one.quantity)}</td>
-      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} ± ${sig(one.error, 2)} <span class="soft">${symbols(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
+      <td class="n">${changeOf(one)} ± ${sig(one.error, 2)} <span class="soft">${symbols(one.unit)}${one.kind === "station" ? ` / ${t("fleet.day")}` : ""}</span></td>
       <td class="n">${one.p < 1e-4 ? "< 0.0001" : sig(one.p, 2)}</td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.drift_note")}${sign(" ")}${tested}</p>`;
 }
@@ -137,7 +138,7 @@ function Shifts({ fleet }) {
   return html`<div class="scroll"><table class="st-table"><thead><tr><th scope="col">${t("fleet.kind.station")}</th><th scope="col">${t("units.quantity")}</th>
       <th scope="col" class="n">${t("fleet.change")}</th><th scope="col">${t("units.serial")}</th><th scope="col" class="n">${t("units.title")}</th></tr></thead>
     <tbody>${fleet.shifts.map((one, i) => html`<tr key=${i}><th scope="row" title=${one.place}>${stationName(one.place)}</th><td>${quantityWord(one.quantity)}</td>
-      <td class="n">${one.change > 0 ? "+" : ""}${sig(one.change)} <span class="soft">${symbols(one.unit_of_value)}</span></td>
+      <td class="n">${changeOf(one)} <span class="soft">${symbols(one.unit_of_value)}</span></td>
       <td>${unitLink(one.since)} <span class="soft">${t("fleet.since_day", { day: day(one.since_created) })}</span></td><td class="n">${one.count}</td></tr>`)}</tbody></table></div>
     <p class="soft small">${t("fleet.shift_note", { share: number(100 * fleet.station_charts.false_alarm, 0) })}</p>`;
 }
