@@ -106,6 +106,29 @@ def test_a_report_on_a_verification_does_not_take_the_place_of_its_verdict(site,
     page.get_by_role("heading", name="FAIL").wait_for()
 
 
+UNHEARD = "unit SIM-0001: no sound rate frame as number 0 on bus can0; check its power, number and bit rate"
+
+
+@pytest.mark.parametrize(
+    ("state", "cause", "heading"),
+    [("failed", f"not started: {UNHEARD}", "NOT STARTED"),
+     ("aborted", "aborted by guard: unit silent: frame_age = 5.002 is above 5", "ABORTED")],
+)  # fmt: skip
+def test_a_unit_that_is_not_heard_is_no_failure_of_the_equipment_and_says_what_to_check(
+    site, visitors, state, cause, heading
+):
+    address, out = site
+    folder = ended(out, f"20261121T093000Z_{state}")
+    (folder / "manifest.json").write_text(json.dumps({"state": state, "cause": cause, "unit": "SIM-0001"}))
+    end = {"t_s": 10.0, "utc": "2026-11-21T09:30:10.000+00:00", "kind": "end", "text": cause, "state": state}
+    (folder / "events.jsonl").write_text(json.dumps(end) + "\n")
+    page = visitors.come(address)
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    page.get_by_role("heading", name=heading).wait_for()
+    page.get_by_text("its connector and power, its number and the bit rate. Then repeat the run").wait_for()
+    page.get_by_text("Nothing was switched on").wait_for()
+
+
 def test_a_verdict_is_dark_on_white_paper_also_from_a_dark_page(site, visitors):
     address, out = site
     folder = ended(out, "20261121T090000Z_ramp")

@@ -15,6 +15,8 @@ import { Said } from "../lib/said.js";
 const LOOK_MS = 2000;
 /** How the cause begins of a run whose process was killed: it can go on. */
 const KILLED = "the bench was killed";
+/** The guard that ends a run of which a unit is not heard any more. */
+const SILENT = "unit silent";
 
 /** The end of a run: from the stream if it is live, else polled until its analysis is done. */
 function useEnd(params) {
@@ -75,7 +77,7 @@ export default function Verdict({ params }) {
       <p class="verdict-who"><b>${units.length > 2 ? t("start.all_units", { n: units.length }) : units.map(({ unit }) => unit).join(", ")}</b> · ${planName(run ?? end)}${run?.started && html` · <time datetime=${run.started}>${moment(run.started)}</time>`}</p>
       <p class="verdict-sentence">${named(alike)}${t(`verdict.${word}.sentence`, { n: alike.length })}</p>
       ${units.length > 1 && html`<${Units} units=${units} words=${words} />`}
-      ${answer?.limits && html`<${Reasons} limits=${answer.limits} kind=${kind} of=${units.length > 1 && shown.unit} />`}
+      ${answer?.limits && word !== "not_started" && html`<${Reasons} limits=${answer.limits} kind=${kind} of=${units.length > 1 && shown.unit} />`}
       ${good.length > 0 && html`<${Achieved} run=${answers[good[0].run]} whose=${named(good)} />`}
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
@@ -110,7 +112,7 @@ const kindOf = (answer) => (answer?.manifest?.purpose === "verification" ? "veri
 /** The next step; with an unverified safe state, go to the chamber first. */
 const next = (word, end, answer) => {
   if (end.state !== "done" && (end.safe === false || (end.state === "failed" && !end.safe))) return "verdict.equipment_failed.next_unsafe";
-  return advice(word, answer);
+  return end.cause?.includes(SILENT) ? "verdict.not_started.next" : advice(word, answer);
 };
 
 /** What is to be done, worst first, each with its units: [key, units]. */
@@ -205,7 +207,7 @@ function Fault({ end }) {
     <section><h2>${t("fault.happened")}</h2>
       <p>${end.cause ? html`<${Said} text=${end.cause} />` : t("fault.unknown")}</p></section>
     <section><h2>${t("fault.did")}</h2>
-      <p><${Lamp} tone=${safe}>${t(`fault.safe.${safe}`)}<//></p>
+      <p><${Lamp} tone=${safe}>${t(safe === "good" && !steps.length ? "fault.still" : `fault.safe.${safe}`)}<//></p>
       ${steps.length > 0 && html`<details><summary>${t("fault.steps", { n: steps.length })}</summary><ul class="findings">
         ${steps.map(({ text, ok }) => html`<li key=${text}><span class=${`tone-${ok ? "good" : "bad"}`}><${Shape} tone=${ok ? "good" : "bad"} /></span><span><${Said} text=${text} /></span></li>`)}
       </ul></details>`}

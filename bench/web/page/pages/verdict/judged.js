@@ -4,7 +4,7 @@ import { or } from "../../lib/words.js";
 
 /** Worst first; the tone of each, on every page. */
 const WORDS = {
-  equipment_failed: "bad", fail: "bad", invalid: "warn", aborted: "idle", partial: "bad", no_data: "bad",
+  equipment_failed: "bad", not_started: "warn", fail: "bad", invalid: "warn", aborted: "idle", partial: "bad", no_data: "bad",
   not_analysed: "warn", unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
   undecided: "warn",
   analysing: "link", measured: "good", adequate: "good", pass: "good",
@@ -12,7 +12,7 @@ const WORDS = {
 
 /** Key of the verdict on a unit: `end` is that of the run, `unit` its {verdict, limits, analysed}. */
 export function judged(end, unit) {
-  if (end.state === "failed") return "equipment_failed";
+  if (end.state === "failed") return end.cause?.startsWith("not started") ? "not_started" : "equipment_failed";
   if (end.state === "aborted") return "aborted";
   if (unit.limits?.toLowerCase() in WORDS) return unit.limits.toLowerCase();
   if (!unit.analysed && !end.analysing) return "not_analysed";
