@@ -131,6 +131,16 @@ SAMPLES = [
      "2026-12-01; відкалібруйте його або візьміть інший прилад"),
     ("not calibrated on 2026-11-29: Bridge No. 4 B-7, due 2026-11-01; calibrate it, or use another instrument", "zh",
      "2026-11-29没有有效标定：Bridge No. 4 B-7，有效期至2026-11-01；请标定该仪器，或改用其他仪器"),
+    ("not started: unit M-1: no sound rate frame as number 0 on bus can0 (socketcan can0, 0 frames); check its power, "
+     "number and bit rate", "uk",
+     "не почато: виріб M-1: немає справного кадру швидкості під номером 0 на шині can0 (socketcan can0, кадрів: 0); "
+     "перевірте його живлення, номер і швидкість шини"),
+    ("the run is not complete: aborted (aborted by guard: unit silent: frame_age = 5.002 is above 5), 1 of its "
+     "segments failed", "uk",
+     "прогін неповний: перервано (перервано захистом: виріб мовчить: вік останнього кадру = 5,002, вище за 5); не "
+     "вдалося ділянок: 1"),
+    ("the run is not complete: aborted (aborted by guard: unit silent: frame_age = 5.002 is above 5), 1 of its "
+     "segments failed", "zh", "试验不完整：已中止（由保护项中止：产品无应答：最后一帧的时间 = 5.002，高于5），1段失败"),
     ("12 s", "zh", "12秒"),
     ("15,178,500", "uk", "15\u00a0178\u00a0500"),
     ("15,178,500", "zh", "15,178,500"),
