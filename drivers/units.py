@@ -30,6 +30,7 @@ USUAL: Mapping[str, tuple[str, ...]] = {
 
 _SPELLINGS = {
     "c": "degC", "°c": "degC", "deg_c": "degC", "degc": "degC", "celsius": "degC",
+    "gradc": "degC", "grad_c": "degC", "gradcelsius": "degC",
     "f": "degF", "°f": "degF", "degf": "degF", "k": "kelvin", "deg/s": "degree/second", "°/s": "degree/second",
     "deg/h": "degree/hour", "°/h": "degree/hour", "rad/s": "radian/second",
     "dph": "degree/hour", "dps": "degree/second", "mdps": "millidegree/second", "udps": "microdegree/second",

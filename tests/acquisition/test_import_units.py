@@ -144,6 +144,7 @@ def test_a_text_column_is_an_error_only_where_it_is_wanted(tmp_path):
         ("rate", "arcsec/s", 1.0, 1.0), ("rate", "°/h", 5.0, 5.0), ("rate", "rpm", 1.0, 21600.0),
         ("temperature", "K", 273.15, 0.0), ("temperature", "degF", 212.0, 100.0), ("temperature", "F", -40.0, -40.0),
         ("temperature", "°C", 5.0, 5.0), ("temperature", "C", 5.0, 5.0),
+        ("temperature", "Grad C", 5.0, 5.0), ("temperature", "Grad Celsius", 5.0, 5.0),
         ("frequency", "kHz", 14.0, 14000.0), ("drive", "mV", 5.0, 0.005), ("time", "ms", 5.0, 0.005),
         ("applied_rate", "rad/s", np.pi, 180.0),
     ],
