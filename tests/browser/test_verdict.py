@@ -122,11 +122,17 @@ def test_a_unit_that_is_not_heard_is_no_failure_of_the_equipment_and_says_what_t
     (folder / "manifest.json").write_text(json.dumps({"state": state, "cause": cause, "unit": "SIM-0001"}))
     end = {"t_s": 10.0, "utc": "2026-11-21T09:30:10.000+00:00", "kind": "end", "text": cause, "state": state}
     (folder / "events.jsonl").write_text(json.dumps(end) + "\n")
+    refused = {"name": "t", "verdict": "INVALID", "results": [], "refusals": [f"the run is not complete: {state}"]}
+    (folder / "limits.json").write_text(json.dumps(refused))
     page = visitors.come(address)
     page.goto(f"/verdict/SIM-0001/{folder.name}")
     page.get_by_role("heading", name=heading).wait_for()
     page.get_by_text("its connector and power, its number and the bit rate. Then repeat the run").wait_for()
     page.get_by_text("Nothing was switched on").wait_for()
+    reasons = page.locator(".verdict-reasons .findings li")
+    if state == "aborted":
+        reasons.wait_for()
+    assert reasons.all_inner_texts() == (["The run is not complete: aborted."] if state == "aborted" else [])
 
 
 def test_a_verdict_is_dark_on_white_paper_also_from_a_dark_page(site, visitors):
