@@ -356,6 +356,8 @@ def test_a_run_is_named_by_its_unit_and_moment_where_the_bench_names_its_folder(
     run = "GX-7/20261128T120000Z_ramp_-40_85"
     given = [f"{run}: no such run folder", f"`bench report {run}`", "profiles/ramp_-40_85.yaml: 1/2"]
     named, typed, file = spoken("lib/said.js", "runsNamed", given, "en")
+    (own,) = spoken("lib/said.js", "runsNamed", [f"{run}：没有证书（`laboratory:`）"], "zh")
+    assert re.fullmatch(r"GX-7 · .+ · 2026年11月28日\s[\d:]+：没有证书（`laboratory:`）", own)
     assert re.fullmatch(r"GX-7 · .+ · Nov\s28,\s2026, .+: no such run folder", named)
     assert [typed, file] == given[1:]
 

@@ -46,7 +46,7 @@ export const advised = (text) =>
 export const signed = (text) => text.replace(/`[^`]*`|(?<![\w.,/+:–−-])-(?=\d)/g, (found) => (found === "-" ? "−" : found));
 
 /** A run that is named by its folder, but for one in what is to be typed. */
-const FOLDER = /`[^`]*`|(?<![\w./-])[^\s/:;,()“«`]+\/\d{8}T\d{6}Z_[^\s/:;,()”»`]+(?!\w)/g;
+const FOLDER = /`[^`]*`|(?<![\w./-])[^\s/:;,()“«`：；，。（）]+\/\d{8}T\d{6}Z_[^\s/:;,()”»`：；，。（）]+(?!\w)/g;
 export const runsNamed = (text) => text.replace(FOLDER, (found) => (found[0] === "`" ? found : runName(found)));
 
 const shown = (text, whole, names) => text && unbroken(advised(runsNamed(signed(whole ? sentence(text, names) : text))));
