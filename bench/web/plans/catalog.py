@@ -10,6 +10,7 @@ import contextlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -283,8 +284,9 @@ def _rehearsed(
 def _not_held(models: Mapping[str, Model], units: Sequence[UnitSettings], project: Path) -> Iterator[Finding]:
     """A warning for each model that a unit cannot hold: a run for study may have it, and flash would refuse it."""
     for name, model in models.items():
+        why_not = cache(partial(undeliverable, model, project))  # units mostly send the same channels
         for unit in units:
-            if why := undeliverable(model, project, unit.channels):
+            if why := why_not(unit.channels):
                 yield Finding("warning", f"unit {unit.serial}: model '{name}': {why}")
 
 
