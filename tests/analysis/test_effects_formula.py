@@ -36,6 +36,7 @@ RATE = 60.0 * slope(DATA.time, T, 60.0)
             [T - ramp_invariant_lag(DATA.time, T, 90.0)],
         ),
         ("k * play(temperature, 4) ** 2", {}, {}, [play(T, 4.0) ** 2]),
+        ("k * play(temperature, 4 * exp(0 * temperature))", {}, {}, [play(T, 4.0)]),
         ("k*exp(-time/tau)", {"tau": [60, 7200]}, {"tau": 600.0}, [np.exp(-DATA.time / 600.0)]),
         ("k*tanh(w*quadrature)", {"w": [-1, 1]}, {"w": 0.5}, [np.tanh(0.5 * Q)]),
         ("k*direction*sqrt(abs(dT_dt))", {}, {}, [np.where(abs(RATE) < 0.05, 0, np.sign(RATE)) * np.sqrt(abs(RATE))]),
