@@ -36,8 +36,10 @@ from benchmarks import (
     outside_truths,
     outside_truths_last,
     outside_truths_later,
+    outside_truths_machines,
     outside_truths_newest,
     outside_truths_ordinary,
+    outside_truths_solids,
 )
 from benchmarks.bars import table
 from benchmarks.outside_world import Truth, World, constants
@@ -49,7 +51,8 @@ MOST_RATIO = 1.15
 TRUTHS: dict[str, Truth] = {
     name: truth
     for module in (
-        outside_truths, outside_truths_later, outside_truths_last, outside_truths_newest, outside_truths_ordinary
+        outside_truths, outside_truths_later, outside_truths_last, outside_truths_newest, outside_truths_ordinary,
+        outside_truths_solids, outside_truths_machines,
     )
     for name, truth in vars(module).items()
     if isfunction(truth) and truth.__module__ == module.__name__ and [*signature(truth).parameters] == ["w", "rng"]

@@ -34,6 +34,7 @@ _BEAM = 12  # formulas that are grown into those of heating and of cooling alone
 _LEADERS = 36  # that are refined, of the grid,
 _HIDDEN = 10  # … and further ones whose parameters may hide more
 _GROWN = 3  # leaders that grow
+_NEARLY = 0.9  # correlation of whitened columns
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
 _LOOKED_AT = 1000  # best entries of the grid
@@ -118,7 +119,7 @@ class FormulaSearch:
             if plain := one.formula.at_once(one.theta):
                 found += self._longer(one, [(plain[0], (plain[1],))], self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
-        for one in found[:_GROWN]:
+        for one in _unlike(found):
             found += self._grown(one, self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_BEAM]:
@@ -353,6 +354,18 @@ class FormulaSearch:
         inner = inner[inner > 1.5 * _PADDED]
         top = inner[np.argsort(-power[inner])[:_PEAKS]]
         return [float(size * problem.interval_s / i) for i in top] or [self.grammar.ranges.length_s / 4.0]
+
+
+def _unlike(found: Sequence[FoundFormula]) -> list[FoundFormula]:
+    """The best that are to grow, without what is nearly a better one: it would grow to the same."""
+    kept: list[FoundFormula] = []
+    for one in found:
+        size = float(np.linalg.norm(one.white))
+        if all(abs(one.white @ each.white) < _NEARLY * size * np.linalg.norm(each.white) for each in kept):
+            kept.append(one)
+        if len(kept) == _GROWN:
+            break
+    return kept
 
 
 @lru_cache(maxsize=512)

@@ -345,6 +345,13 @@ class Grammar:
             for sign, words in zip("+-", said, strict=True)
         ]
 
+    def _snapped(self) -> list[Block]:
+        """Whether it has snapped over, or has not."""
+        low, high = self.ranges.temperature
+        tried = tuple((*one, share * (high - low)) for one in inner(low, high, 7) for share in (0.06, 0.16))
+        snap = replace(latch(self.ranges), grid=tried)
+        return [snap, replace(snap, text=f"(1 - {snap.text})")]
+
     def _placed(self, block: Block) -> Block:
         """A place in temperature; or in that of a part inside the unit, which lags."""
         late = block.text.replace("temperature", "lag(temperature, {tau_s})")
@@ -386,6 +393,7 @@ class Grammar:
             Block("(1 - direction)", "cooling (half at rest)", ""),
             *_ONE_WAY,
             *self._paced(),
+            *self._snapped(),
             Block("time", "time", "s"),
         ]  # fmt: skip
         blocks += map(self._gap, self.ranges.apart)
