@@ -34,6 +34,7 @@ _BEAM = 12  # formulas that are grown into those of heating and of cooling alone
 _LEADERS = 36  # that are refined, of the grid,
 _HIDDEN = 10  # … and further ones whose parameters may hide more
 _GROWN = 3  # leaders that grow
+_UNLIKE = 2  # further leaders that grow, unlike these
 _NEARLY = 0.9  # correlation of whitened columns
 _STEPS = 3  # by which each of them grows at most
 _BRANCHES = 2  # that are refined in each step
@@ -119,7 +120,7 @@ class FormulaSearch:
             if plain := one.formula.at_once(one.theta):
                 found += self._longer(one, [(plain[0], (plain[1],))], self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
-        for one in _unlike(found):
+        for one in _growing(found):
             found += self._grown(one, self._tried_of(one, sizes))
         found.sort(key=lambda one: -one.evidence)
         for one in found[:_BEAM]:
@@ -356,14 +357,14 @@ class FormulaSearch:
         return [float(size * problem.interval_s / i) for i in top] or [self.grammar.ranges.length_s / 4.0]
 
 
-def _unlike(found: Sequence[FoundFormula]) -> list[FoundFormula]:
-    """The best that are to grow, without what is nearly a better one: it would grow to the same."""
-    kept: list[FoundFormula] = []
-    for one in found:
+def _growing(found: Sequence[FoundFormula]) -> list[FoundFormula]:
+    """The best, and the best of those that are unlike all of these: what is alike may have the same beginning."""
+    kept = list(found[:_GROWN])
+    for one in found[_GROWN:]:
         size = float(np.linalg.norm(one.white))
         if all(abs(one.white @ each.white) < _NEARLY * size * np.linalg.norm(each.white) for each in kept):
             kept.append(one)
-        if len(kept) == _GROWN:
+        if len(kept) == _GROWN + _UNLIKE:
             break
     return kept
 
