@@ -106,6 +106,20 @@ def test_a_report_on_a_verification_does_not_take_the_place_of_its_verdict(site,
     page.get_by_role("heading", name="FAIL").wait_for()
 
 
+@pytest.mark.parametrize(("refusals", "tone"), [([], "good"), (["the run is not complete: aborted"], "idle")])
+def test_a_value_within_its_limits_is_green_only_where_the_run_gives_a_result(site, visitors, refusals, tone):
+    address, out = site
+    folder = ended(out, f"20261121T094000Z_{tone}")
+    within = {"name": "samples_lost", "value": 0, "low": 0, "high": 0, "unit": "1", "lower": None, "upper": 0,
+              "reason": "", "verdict": "PASS"}  # fmt: skip
+    word = "INVALID" if refusals else "PASS"
+    limits = {"name": "t", "verdict": word, "results": [within], "refusals": refusals}
+    (folder / "limits.json").write_text(json.dumps(limits))
+    page = visitors.come(address)
+    page.goto(f"/verdict/SIM-0001/{folder.name}")
+    page.get_by_role("row", name="Samples lost").locator(f".lamp.tone-{tone}").wait_for()
+
+
 UNHEARD = "unit SIM-0001: no sound rate frame as number 0 on bus can0; check its power, number and bit rate"
 
 

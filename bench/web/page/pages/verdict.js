@@ -186,13 +186,14 @@ function Reasons({ limits, kind, of }) {
       <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span>${of && html`<b>${of}${sign(": ")}</b>`}<${Said} text=${text} whole=${!of} /></span></li>`)}</ul>`}
     ${!limits.results?.length && limits.decision_rule && html`<p class="soft"><${Said} text=${limits.decision_rule} /></p>`}
     ${limits.results?.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
-      <tbody>${limits.results.map((result) => html`<${Judged} key=${result.name} result=${result} kind=${kind} />`)}</tbody></table></div>`}
+      <tbody>${limits.results.map((result) => html`<${Judged} key=${result.name} result=${result} kind=${kind} counts=${!limits.refusals?.length} />`)}</tbody></table></div>`}
   </div>`;
 }
 
-function Judged({ result, kind }) {
+/** One quantity; its verdict has no colour where the run gives no result and it does not count. */
+function Judged({ result, kind, counts }) {
   const { name, value, low, high, unit, lower, upper, reason, verdict } = result;
-  const [tone, left] = [toneOf(verdict), margin(result)];
+  const [tone, left] = [counts ? toneOf(verdict) : "idle", margin(result)];
   const sides = [lower !== null && `≥\u00a0${asGiven(lower)}`, upper !== null && `≤\u00a0${asGiven(upper)}`].filter(Boolean).join(", ");
   return html`<tr><th scope="row">${quantityWord(name, kind)}${reason && html`<div class="soft small"><${Said} text=${reason} /></div>`}</th>
     <td class="n figures">${sig(value)}\u00a0<small>${symbols(unit)}</small>${verdict === "MARGINAL" && low !== undefined && html`<div class="soft small">${low === null ? "−∞" : sig(low)} … ${high === null ? "∞" : sig(high)}</div>`}</td><td class="n figures">${sides}</td><td class="n figures">${left === null ? "–" : sig(left)}</td>
