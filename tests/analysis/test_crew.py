@@ -98,7 +98,7 @@ def test_the_number_of_workers_can_be_said(monkeypatch):
 
 
 SPLINE = Model("spline", (effects.make("spline", {"intervals": 12}),))
-RECURSIONS, WHITENERS, WHITENINGS = 70, 290, 650_000  # the search for formulas included
+RECURSIONS, WHITENERS, WHITENINGS = 70, 290, 750_000  # the search for formulas included
 FEW = [effects.make(name) for name in ("thermal_lag", "temperature_rate", "hysteresis", "supply_voltage", "aging")]
 
 

@@ -334,7 +334,7 @@ class Grammar:
     def _paced(self) -> list[Block]:
         """Whether the temperature changes faster than a rate, or slower."""
         most = self.ranges.fastest
-        either = tuple((share * most,) for share in (0.1, 0.25, 0.45, 0.65, 0.85))
+        either = tuple((share * most,) for share in (0.1, 0.35, 0.7))
         both = tuple((-pace,) for (pace,) in reversed(either)) + either
         return [
             Block(f"(1 {sign} tanh(({rate} - {{pace}})/{_PACE}))", words, "", (("pace", (low, most)),), tried, places=1)
@@ -348,7 +348,7 @@ class Grammar:
     def _snapped(self) -> list[Block]:
         """Whether it has snapped over, or has not."""
         low, high = self.ranges.temperature
-        tried = tuple((*one, share * (high - low)) for one in inner(low, high, 7) for share in (0.06, 0.16))
+        tried = tuple((*one, share * (high - low)) for one in inner(low, high, 4) for share in (0.08, 0.2))
         snap = replace(latch(self.ranges), grid=tried)
         return [snap, replace(snap, text=f"(1 - {snap.text})")]
 
