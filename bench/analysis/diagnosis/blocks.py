@@ -275,11 +275,11 @@ class Formula:
         if not both or self.along:
             return []
         found = [
-            (self._signed(both, f"above({sign}{{rate}})", f"{{}} of {words} alone"), (theta,))
+            (self._signed(both, f"above({sign}dT_dt)", f"dT/dt of {words} alone"), (theta,))
             for sign, words in (("", "heating"), ("-", "cooling"))
         ]
         first = both[0]
-        uneven = self._signed(both[:1], "({rate} + {{uneven}} * abs({rate}))", "{}, not as large heating and cooling")
+        uneven = self._signed(both[:1], "(dT_dt + {uneven} * abs(dT_dt))", "dT/dt, not as large heating and cooling")
         block, at = uneven.blocks[first], self.own[first].start
         bounds = (("uneven", (-1.0, 1.0)), *block.bounds)  # the rate of change comes first in the text
         block = replace(block, bounds=bounds, grid=tuple((share, *one) for one in block.grid for share in _UNEVEN))
@@ -292,8 +292,8 @@ class Formula:
         blocks = list(self.blocks)
         for number in numbers:
             block = blocks[number]
-            blocks[number] = replace(block, text=_SIGNED.sub(text.format(rate="dT_dt"), block.text),
-                                     words=block.words.replace("dT/dt", words.format("dT/dt")))  # fmt: skip
+            blocks[number] = replace(block, text=_SIGNED.sub(text, block.text),
+                                     words=block.words.replace("dT/dt", words))  # fmt: skip
         return replace(self, blocks=tuple(blocks))
 
     @property

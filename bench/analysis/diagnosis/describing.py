@@ -13,7 +13,7 @@ from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.evidence import Suspect
 from bench.analysis.diagnosis.formulas import FormulaSearch
-from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, together
+from bench.analysis.diagnosis.found_formula import AMPLITUDES, FoundFormula, alike, together
 from bench.analysis.diagnosis.held_out import Unseen, settled, unseen
 from bench.analysis.diagnosis.physics import physics_of
 from bench.analysis.diagnosis.probes import examine
@@ -121,7 +121,7 @@ class Describer:
         """Whether a formula is an effect in another way: beside the model these data cannot tell the two apart."""
         way = self.lattice.way(each.one.point)
         own = outside(orthonormal(way.apply(layout.problem.base)), way.apply(suspect.contribution))
-        return _alike(own, each.one.white)
+        return alike(own, each.one.white, _ALIKE)
 
     def _borne(self, layout: Layout, found: Sequence[FoundFormula], explained: Explanation) -> Borne:
         return Borne(self.check, layout.problem.statics, found[0].point if found else explained.last.point)
@@ -140,8 +140,9 @@ class Describer:
         terms = self._terms(layout, plain, borne) if better else []
         open_ = not better or self._left(layout, terms[-1])[1]
         beside = self._ranked(explained.layout, further.answer(), borne) if open_ else []
+        further_terms = self._terms(explained.layout, beside, borne) if better else []
         if better:  # … unless the effects with formulas beside them explain more
-            both = named + sum(each.total for each in self._terms(explained.layout, beside, borne))
+            both = named + sum(each.total for each in further_terms)
             if not beside or both < sum(each.total for each in terms) + TIE:
                 return Description(self._answer(layout, plain, borne, terms=terms), replaces=True)
         stuck = any(step.suspect.on_bound for step in explained.steps)
@@ -158,7 +159,7 @@ class Describer:
         if not beside:
             return self._tied(layout, explained, plain, named)
         names = tuple(step.name for step in explained.steps)
-        return Description(self._answer(explained.layout, beside, borne, names))
+        return Description(self._answer(explained.layout, beside, borne, names, further_terms))
 
     def _instead(self, layout: Layout, explained: Explanation, borne: Borne) -> tuple[DescribedFormula, ...]:
         """Formulas beside the effects that are determined, where they explain as much as those on their bounds do."""
@@ -228,7 +229,9 @@ class Describer:
         ranked.sort(key=lambda each: -each.total)
         leaders: list[_Ranked] = []
         for each in ranked:
-            near = next((i for i, leader in enumerate(leaders) if _alike(leader.one.white, each.one.white)), None)
+            near = next(
+                (i for i, leader in enumerate(leaders) if alike(leader.one.white, each.one.white, _ALIKE)), None
+            )
             if near is None:
                 leaders.append(each)
             elif each.one.formula != leaders[near].one.formula:
@@ -448,10 +451,6 @@ def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Pro
     if all(part.period_s < span_s / _PERIODS for part in parts):
         return proof
     return replace(proof, doubt="only another run can tell whether it repeats")
-
-
-def _alike(one: FloatArray, other: FloatArray) -> bool:
-    return float(one @ other) ** 2 > _ALIKE**2 * float(one @ one) * float(other @ other)
 
 
 def _acts(temperature: FloatArray, contribution: FloatArray) -> tuple[float, float]:

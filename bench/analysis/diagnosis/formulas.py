@@ -18,7 +18,7 @@ import numpy as np
 from bench.analysis.diagnosis.blocks import Block, Bounds, Formula
 from bench.analysis.diagnosis.candidates import Candidate, Theta, about, outside
 from bench.analysis.diagnosis.evidence import drawn
-from bench.analysis.diagnosis.found_formula import FoundFormula
+from bench.analysis.diagnosis.found_formula import FoundFormula, alike
 from bench.analysis.diagnosis.grammar import Grammar
 from bench.analysis.diagnosis.refine import Refiner, Start
 from bench.analysis.diagnosis.scan import Library, Scan
@@ -361,8 +361,7 @@ def _growing(found: Sequence[FoundFormula]) -> list[FoundFormula]:
     """The best, and the best of those that are unlike all of these: what is alike may have the same beginning."""
     kept = list(found[:_GROWN])
     for one in found[_GROWN:]:
-        size = float(np.linalg.norm(one.white))
-        if all(abs(one.white @ each.white) < _NEARLY * size * np.linalg.norm(each.white) for each in kept):
+        if not any(alike(one.white, each.white, _NEARLY) for each in kept):
             kept.append(one)
         if len(kept) == _GROWN + _UNLIKE:
             break

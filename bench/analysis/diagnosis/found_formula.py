@@ -108,3 +108,8 @@ def together(parts: Sequence[FoundFormula]) -> tuple[str, Expression, Theta]:
 def numbers(theta: Theta) -> list[str]:
     """Parameters as a formula shows them."""
     return [f"{value:.4g}" if abs(value) < 1e3 else f"{value:.6g}" for value in theta]
+
+
+def alike(one: FloatArray, other: FloatArray, least: float) -> bool:
+    """Whether two whitened columns (n,) have at least this correlation."""
+    return float(one @ other) ** 2 > least**2 * float(one @ one) * float(other @ other)

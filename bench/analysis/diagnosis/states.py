@@ -1,4 +1,4 @@
-"""Blocks of a formula that act by a state of their own: what adds up, snaps over, relaxes, runs into limits."""
+"""Blocks of a formula that act by a state of their own: what adds up, snaps over, drags along, runs into limits."""
 
 from __future__ import annotations
 
