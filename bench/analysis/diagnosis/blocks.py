@@ -85,7 +85,7 @@ class Block:
         """The memory of the block; `every` thins its grid."""
         tried = tuple(tau for (tau,) in lags(length_s / 2.0, every))
         text, words = f"lag({self.text}, {{memory_s}})", f"{_OF}{self.words}"
-        return self._with("memory_s", (20.0, max(length_s, 200.0)), tried, text, words)
+        return self._with("memory_s", times_within(length_s), tried, text, words)
 
     def bent(self) -> list[Block]:
         """The block through what is no straight line, if it has a size: limits, a dead zone, play."""
@@ -129,13 +129,18 @@ class Block:
 
 def lagged(text: str, words: str, unit: str, length_s: float, every: int = 1) -> Block:
     """The memory of something; `every` thins its grid."""
-    bounds = (("tau_s", (20.0, max(length_s, 200.0))),)
+    bounds = (("tau_s", times_within(length_s)),)
     return Block(f"lag({text}{_MEMORY}", f"{_OF}{words}", unit, bounds, lags(length_s, every))
 
 
 def lags(below_s: float, every: int) -> tuple[tuple[float, ...], ...]:
     """Time constants to try, below the longest that is searched."""
     return tuple((t,) for t in _LAGS_S[::every] if t < below_s) or ((_LAGS_S[0],),)
+
+
+def times_within(length_s: float, parts: int = 1, low: float = 20.0) -> Bounds:
+    """Bounds [s] of a time constant: up to this part of the longest run."""
+    return low, max(length_s / parts, 200.0)
 
 
 def loop(name: str, span: Bounds, unit: str) -> Block:

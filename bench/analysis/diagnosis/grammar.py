@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.diagnosis.blocks import Block, Formula, lagged, lags, loop, unit_of
+from bench.analysis.diagnosis.blocks import Block, Formula, lagged, lags, loop, times_within, unit_of
 from bench.analysis.diagnosis.candidates import Theta
 from bench.analysis.diagnosis.memories import memories
 from bench.analysis.diagnosis.ranges import Ranges, inner
@@ -171,7 +171,7 @@ class Grammar:
         """The memory of a change faster than a rate."""
         fast = self._paced()[0]
         tried = tuple((*one, *tau) for one in fast.grid for tau in lags(self.ranges.length_s / 4.0, 2))
-        bounds = (*fast.bounds, ("tau_s", (20.0, max(self.ranges.length_s / 2.0, 100.0))))
+        bounds = (*fast.bounds, ("tau_s", times_within(self.ranges.length_s, 2)))
         return replace(fast, text=f"lag({fast.text}, {{tau_s}})", words=f"the memory of {fast.words}", bounds=bounds,
                        grid=tried)  # fmt: skip
 
@@ -183,7 +183,7 @@ class Grammar:
     def _covers(self, name: str) -> list[Block]:
         """The gaps of a part that follows the air, or another thermometer, to what it follows and to the unit."""
         what, part = "air" if name == "chamber_temperature" else name, f"lag({name}, {{tau_s}})"
-        bounds = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),)
+        bounds = (("tau_s", times_within(self.ranges.length_s, 4)),)
         tried = lags(self.ranges.length_s / 4.0, 2)
         gaps = (
             (f"({name} - {part})", f"the gap between {what} and a part that follows it"),
@@ -251,7 +251,7 @@ class Grammar:
         half = 0.5 * (high - low)
         unit = unit_of(name)
         lag = f"({name} - lag({name}, {{tau_s}}))"
-        ends = (("tau_s", (30.0, max(self.ranges.length_s / 2.0, 100.0))),)
+        ends = (("tau_s", times_within(self.ranges.length_s, 2, low=30.0)),)
         return [
             self._centred(name),
             Block(f"({name} - {{centre}})**2", f"the {name} squared, from a value", f"{unit}^2",
@@ -288,7 +288,7 @@ class Grammar:
 
     def bends(self) -> list[Block]:
         """Functions of time that are no line: the start."""
-        bounds = (("tau_s", (120.0, max(self.ranges.length_s, 200.0))),)
+        bounds = (("tau_s", times_within(self.ranges.length_s, low=120.0)),)
         grid = lags(self.ranges.length_s / 2.0, 1)[1:] or ((0.5 * self.ranges.length_s,),)
         return [Block("exp(-time/{tau_s})", "a decay from the start", "", bounds, grid)]
 
@@ -355,7 +355,7 @@ class Grammar:
     def _placed(self, block: Block) -> Block:
         """A place in temperature; or in that of a part inside the unit, which lags."""
         late = block.text.replace("temperature", "lag(temperature, {tau_s})")
-        ends = ("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0)))
+        ends = ("tau_s", times_within(self.ranges.length_s, 4))
         tried = tuple((tau_s, *one) for one in block.grid for tau_s in _INNER_S[1::2])
         looser = replace(block, text=late, words=f"{block.words} that lags", bounds=(ends, *block.bounds), grid=tried)
         return replace(block, looser=looser)
@@ -367,7 +367,7 @@ class Grammar:
         centres = np.linspace(low, high, _PLACES)
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
-        inner, lagging = (("tau_s", (20.0, max(self.ranges.length_s / 4.0, 100.0))),), ((300.0,), (900.0,), (2700.0,))
+        inner, lagging = (("tau_s", times_within(self.ranges.length_s, 4)),), ((300.0,), (900.0,), (2700.0,))
         warmer, warmth = (("warmer", (-0.12, 0.12)),), ((-0.06,), (-0.025,), (0.025,), (0.06,))
         places = (
             ("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", window),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.analysis.diagnosis.blocks import Block, lags
+from bench.analysis.diagnosis.blocks import Block, lags, times_within
 from bench.analysis.diagnosis.ranges import Ranges, inner
 
 _CHANGES = (("above(dT_dt)", "heating"), ("above(-dT_dt)", "cooling"), ("abs(dT_dt)", "any change"), ("dT_dt", "dT/dt"))
@@ -36,14 +36,14 @@ def memories(ranges: Ranges) -> list[Block]:
 def _vapour(ranges: Ranges, name: str, called: str) -> Block:
     """What is taken up and given off by its pressure, which is an exponential of a temperature."""
     tried = tuple((faster, *one) for faster in (-0.06, 0.06) for one in lags(ranges.length_s / 2.0, 2))
-    bounds = (("faster", (-0.12, 0.12)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    bounds = (("faster", (-0.12, 0.12)), ("tau_s", times_within(ranges.length_s, 2)))
     words = f"the memory of an exponential of the {called}"
     return Block(f"lag(exp({{faster}} * ({name} - 25)), {{tau_s}})", words, "", bounds, tried)
 
 
 def _relaxing(ranges: Ranges) -> list[Block]:
     """What follows the temperature; and what does so faster or slower when it is warm."""
-    tau, tried = ("tau_s", (20.0, max(ranges.length_s, 200.0))), lags(ranges.length_s, 1)
+    tau, tried = ("tau_s", times_within(ranges.length_s)), lags(ranges.length_s, 1)
     words = "a part that follows the temperature"
     faster = Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
                    f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.12, 0.12))),
@@ -63,7 +63,7 @@ def _relaxing(ranges: Ranges) -> list[Block]:
 def _uneven(ranges: Ranges) -> Block:
     """What takes up fast and gives off slowly, or the other way round: gas through a valve, charge, water."""
     times = lags(ranges.length_s, 2)
-    ends = (20.0, max(ranges.length_s, 200.0))
+    ends = times_within(ranges.length_s)
     return Block("(temperature - uneven_lag(temperature, {rise_s}, {fall_s}))",
                  "a part that follows the temperature up and down with different time constants", "degC",
                  (("rise_s", ends), ("fall_s", ends)),
@@ -73,7 +73,7 @@ def _uneven(ranges: Ranges) -> Block:
 def _spreading(ranges: Ranges) -> Block:
     """What two parts that follow the rate of change one after the other are apart."""
     return Block("(dT_dt - lag(dT_dt, {tau_s}))", "the change of dT/dt in the last while", "degC/min",
-                 (("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0))),), lags(ranges.length_s / 4.0, 1))  # fmt: skip
+                 (("tau_s", times_within(ranges.length_s, 4)),), lags(ranges.length_s / 4.0, 1))  # fmt: skip
 
 
 def _opposed(ranges: Ranges) -> Block:
@@ -82,7 +82,7 @@ def _opposed(ranges: Ranges) -> Block:
     tried = tuple(
         (fast, share, slow) for n, fast in enumerate(times) for slow in times[n + 2 :] for share in (0.3, 0.8)
     )
-    ends = (20.0, max(ranges.length_s, 200.0))
+    ends = times_within(ranges.length_s)
     fast, slow = ("(temperature - lag(temperature, {" + name + "}))" for name in ("tau_s", "slow_s"))
     return Block(f"({fast} - {{share}} * {slow})", "two parts that follow the temperature, one against the other",
                  "degC", (("tau_s", ends), ("share", (-1.0, 1.5)), ("slow_s", ends)), tried)  # fmt: skip
@@ -90,7 +90,7 @@ def _opposed(ranges: Ranges) -> Block:
 
 def _shaken(ranges: Ranges) -> Block:
     """What each change of the rate of temperature leaves for a while, up or down."""
-    ends = (("fast_s", (20.0, 1000.0)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    ends = (("fast_s", (20.0, 1000.0)), ("tau_s", times_within(ranges.length_s, 2)))
     tried = tuple((60.0, *tau) for tau in lags(ranges.length_s / 2.0, 1))
     return Block("lag(abs(dT_dt - lag(dT_dt, {fast_s})), {tau_s})", "the memory of each change of dT/dt", "degC/min",
                  ends, tried)  # fmt: skip
@@ -99,7 +99,7 @@ def _shaken(ranges: Ranges) -> Block:
 def _yielding(ranges: Ranges) -> Block:
     """A strain that yields by a power of the stress, as Norton's law has it for solder, and recovers."""
     tried = tuple((power, *one) for power in (2.0, 4.0) for one in lags(ranges.length_s / 2.0, 2))
-    bounds = (("power", (1.0, 8.0)), ("tau_s", (20.0, max(ranges.length_s, 200.0))))
+    bounds = (("power", (1.0, 8.0)), ("tau_s", times_within(ranges.length_s)))
     return Block("lag(sign(dT_dt) * abs(dT_dt)**{power}, {tau_s})", "the memory of a power of dT/dt", "", bounds, tried)
 
 
@@ -108,7 +108,7 @@ def _kicked(ranges: Ranges) -> list[Block]:
 
     Whether the first change of a run is a turn depends on what was before it.
     """
-    bounds = ("fast_s", (20.0, 600.0)), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0)))
+    bounds = ("fast_s", (20.0, 600.0)), ("tau_s", times_within(ranges.length_s, 2))
     tried = tuple((fast_s, *tau) for fast_s in (30.0, 120.0) for tau in lags(ranges.length_s / 2.0, 1))
     found = []
     for sign, first in (("", "rise"), ("-", "fall")):
@@ -121,7 +121,7 @@ def _kicked(ranges: Ranges) -> list[Block]:
 def _annealed(ranges: Ranges) -> list[Block]:
     """What something adds and what fades faster or slower when it is warm: stress, charge, water."""
     fades = "exp({faster} * (25 - temperature))"
-    ends = ("faster", (-0.12, 0.12)), ("tau_s", (20.0, max(ranges.length_s, 200.0)))
+    ends = ("faster", (-0.12, 0.12)), ("tau_s", times_within(ranges.length_s))
     placed = [
         (f"above({beyond})", f"a temperature {side} a value", "degC", (("centre", ranges.of(name)),),
          inner(*ranges.of(name), 9)[1::2])
@@ -145,7 +145,7 @@ def _annealed(ranges: Ranges) -> list[Block]:
 
 def _activated(ranges: Ranges) -> list[Block]:
     """What a change of temperature adds, the more the warmer it is, and what fades: wear, charge."""
-    bounds = ("warmer", (-0.12, 0.12)), ("tau_s", (20.0, max(ranges.length_s, 200.0)))
+    bounds = ("warmer", (-0.12, 0.12)), ("tau_s", times_within(ranges.length_s))
     tried = tuple((warmer, *tau) for warmer in (-0.03, 0.03, 0.06) for tau in lags(ranges.length_s, 1))
     return [
         Block(f"lag({rate} * exp({{warmer}} * (temperature - 25)), {{tau_s}})",
@@ -156,7 +156,7 @@ def _activated(ranges: Ranges) -> list[Block]:
 
 def _warmed(ranges: Ranges) -> list[Block]:
     """What is driven above, or below, one temperature, and takes its time: softening, release, freezing."""
-    bounds = (("centre", ranges.temperature), ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))
+    bounds = (("centre", ranges.temperature), ("tau_s", times_within(ranges.length_s, 2)))
     tried = tuple((*one, *tau) for one in inner(*ranges.temperature, 11) for tau in lags(ranges.length_s / 2.0, 2))
     return [
         Block(f"lag(above({beyond}), {{tau_s}})", f"the memory of the temperature {words} a value", "degC", bounds,
@@ -172,7 +172,7 @@ def _turned(ranges: Ranges, name: str, called: str) -> Block:
     tried = tuple((*one, share * span, *tau) for one in inner(low, high, 11) for share in (0.02, 0.1)
                   for tau in lags(ranges.length_s / 4.0, 2))  # fmt: skip
     bounds = (("centre", (low, high)), ("width", (0.005 * span, 0.4 * span)),
-              ("tau_s", (20.0, max(ranges.length_s / 2.0, 100.0))))  # fmt: skip
+              ("tau_s", times_within(ranges.length_s, 2)))  # fmt: skip
     words = f"the memory of a step over the {called}"
     return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
                  drives=True)  # fmt: skip
@@ -181,7 +181,7 @@ def _turned(ranges: Ranges, name: str, called: str) -> Block:
 def _loaded(ranges: Ranges) -> list[Block]:
     """What a machine gives only where the air is beyond a temperature, through a memory."""
     low, high = ranges.of("chamber_temperature")
-    bounds = ("centre", (low, high)), ("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0)))
+    bounds = ("centre", (low, high)), ("tau_s", times_within(ranges.length_s, 4))
     tried = tuple((*one, *tau) for one in inner(low, high, 9) for tau in lags(ranges.length_s / 4.0, 2))
     sides = ("{centre} - chamber_temperature", "colder"), ("chamber_temperature - {centre}", "warmer")
     return [
@@ -194,7 +194,7 @@ def _loaded(ranges: Ranges) -> list[Block]:
 
 def _tiring(ranges: Ranges, name: str) -> Block:
     """What a machine does while it runs, less and less; it comes back while it rests."""
-    ends = (20.0, max(ranges.length_s / 4.0, 100.0))
+    ends = times_within(ranges.length_s, 4)
     tried = tuple((tires, rests) for tires in (80.0, 250.0) for rests in (100.0, 400.0, 1500.0))
     return Block(f"{name} * (1 - uneven_lag({name}, {{rise_s}}, {{fall_s}}))",
                  f"the {name}, which does less the longer it runs", "", (("rise_s", ends), ("fall_s", ends)),

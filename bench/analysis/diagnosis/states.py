@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis.diagnosis.blocks import Block, Bounds, lagged, lags, loop, unit_of
+from bench.analysis.diagnosis.blocks import Block, Bounds, lagged, lags, loop, times_within, unit_of
 from bench.analysis.diagnosis.ranges import Ranges, inner
 
 _SET_POINTS = (0.15, 0.35, 0.45, 0.5, 0.55, 0.65, 0.85)  # quantiles of a channel that a loop may hold
@@ -26,7 +26,7 @@ def states(ranges: Ranges) -> list[Block]:
                 words=f"{snap.words}, of a temperature that lags", bounds=(("tau_s", (20.0, 2000.0)), *snap.bounds),
                 grid=tuple((tau, *one) for one in snap.grid for tau in (120.0, 350.0))),
         replace(snap, text=f"lag({snap.text}, {{tau_s}})", words=f"the memory of {snap.words}",
-                bounds=(*snap.bounds, ("tau_s", (20.0, max(length_s / 2.0, 100.0)))),
+                bounds=(*snap.bounds, ("tau_s", times_within(length_s, 2))),
                 grid=tuple((*one, tau) for one in snap.grid for tau in (200.0, 800.0))),
         *_extreme(ranges),
         *_lost(ranges),
@@ -56,7 +56,7 @@ def states(ranges: Ranges) -> list[Block]:
     for name in ranges.moved:
         low, high = ranges.of(name)
         fast = f"({name} - lag({name}, {{tau_s}}))**2"
-        ends, tried = (("tau_s", (30.0, max(length_s / 4.0, 100.0))),), lags(length_s / 4.0, 2)
+        ends, tried = (("tau_s", times_within(length_s, 4, low=30.0)),), lags(length_s / 4.0, 2)
         blocks += [
             _wound(ranges, name),
             replace(loop(name, (low, high), unit_of(name)), drives=True),
@@ -164,7 +164,7 @@ def _held(ranges: Ranges) -> list[Block]:
     low, high = ranges.temperature
     bounds = ("centre", (low, high)), ("width", (0.02 * (high - low), 0.6 * (high - low)))
     tried = tuple((*one, share * (high - low)) for one in inner(low, high, 7) for share in (0.06, 0.14, 0.26))
-    late, times = ("tau_s", (20.0, max(ranges.length_s / 4.0, 100.0))), (150.0, 400.0, 1000.0)
+    late, times = ("tau_s", times_within(ranges.length_s, 4)), (150.0, 400.0, 1000.0)
     inside = "lag(temperature, {tau_s}) - {centre}"
     words = "a part inside that is held at a temperature, within the limits of what holds it"
     first = tuple((*one, tau) for one in tried for tau in times)
