@@ -92,6 +92,7 @@ from .report.plotting import ORANGE as ORANGE
 from .report.plotting import VERMILION as VERMILION
 from .report.plotting import Plot as Plot
 from .report.plotting import axis as axis
+from .report.plotting import dates as dates
 from .report.plotting import dot_trace as dot_trace
 from .report.plotting import level_line as level_line
 from .report.plotting import line_trace as line_trace

@@ -299,6 +299,10 @@ def test_the_yield_over_time_is_that_of_the_first_attempts_of_each_week(tmp_path
     assert told["2026-03-19T12:00:00Z"] == "2026-03-17 … 2026-03-21<br>33.3 % (1 / 3)"
     assert (found.passes.first, sum(share < 100 for share in points["y"])) == (37, 2)
     assert yields(found.attempts[0][:5], found.attempts[1][:5])["data"][0]["text"][0] == "2026-03-01<br>100.0 % (1 / 1)"
+    first_day = yields(found.attempts[0][:1], found.attempts[1][:1])["layout"]["xaxis"]
+    assert first_day["range"] == ["2026-02-27T12:00:00+00:00", "2026-03-03T12:00:00+00:00"], (
+        "an axis of days, not of seconds"
+    )
 
 
 def test_a_fleet_is_counted_without_an_object_for_each_unit(made, monkeypatch):

@@ -193,6 +193,7 @@ def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chos
     passed = np.arange(48) % 9 > 0
     chart = {"name": "yield", "figure": yields(np.arange(48) * 2e4, passed), "histogram": None, "units": [], "runs": [],
              "signals": [], "all": 48}  # fmt: skip
+    alone = chart | {"figure": yields(np.array([2e4]), passed[:1]), "all": 1}
 
     def judged(route):
         answer = route.fetch()
@@ -211,6 +212,11 @@ def test_the_yield_over_time_is_drawn_and_no_limits_are_asked_for_that_were_chos
     page.wait_for_function(DATES_APART, arg=drawn.element_handle())
     page.set_viewport_size({"width": 1366, "height": 768})
     assert page.locator(".st-tile", has_text="Least Cpk").get_by_text("far from normal").count() == 1
+    page.route("**/api/v1/fleet/charts/yield?*", lambda route: route.fulfill(json=alone))
+    page.goto("/fleet?q=L")
+    drawn = page.get_by_role("group", name="First-pass yield of 1 judged unit by")
+    drawn.locator(".xtick text").first.wait_for()
+    assert all(re.fullmatch(r"19(69|70)-\d\d-\d\d", text) for text in drawn.locator(".xtick text").all_text_contents())
 
 
 def test_what_needs_attention_is_named_and_a_station_that_drifts_not_again_for_its_shift(page):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import timedelta
 from html import escape
 from typing import Any
 
@@ -25,6 +26,7 @@ from bench.deliver import (
     VERMILION,
     Plot,
     axis,
+    dates,
     dot_trace,
     level_line,
     line_trace,
@@ -117,7 +119,7 @@ def yields(time_s: FloatArray, passed: BoolArray) -> Plot:
         hovertemplate="%{text}<extra></extra>",
     )  # fmt: skip
     layout: dict[str, Any] = {
-        "xaxis": axis("UTC", type="date", tickangle=0, nticks=6),
+        "xaxis": dates(points["x"], timedelta(days=4), nticks=6),
         "yaxis": axis("[%]"),
         "showlegend": False,
     }

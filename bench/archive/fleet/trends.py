@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -14,7 +14,7 @@ from bench.archive.registry.asking import rows_of
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.summaries import calibrates
 from bench.base import InputError, in_print
-from bench.deliver import CYCLE, VERMILION, Plot, axis, level_line, plot
+from bench.deliver import CYCLE, VERMILION, Plot, axis, dates, level_line, plot
 from bench.record import JudgedQuantity, LimitsRecord
 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
@@ -89,8 +89,7 @@ def figure(trend: Mapping[str, Any]) -> Plot:
     near = [(end, text) for end, text in ends if end is not None and abs(end) <= most]
     levels = [level_line(end, text, VERMILION) for end, text in near]
     layout = {
-        "xaxis": axis("UTC", type="date", tickangle=0, nticks=5)
-        | _around({point["created"] for point in trend["points"]}),
+        "xaxis": dates([point["created"] for point in trend["points"]], timedelta(hours=2), nticks=5),
         "yaxis": axis(f"[{in_print(trend['unit'])}]", rangemode="tozero" if min(values) >= 0 else "normal"),
         "shapes": [shape for shape, _ in levels],
         "annotations": [
@@ -108,14 +107,6 @@ def _clear(level: float, points: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     away = [(moment > middle, abs(point["value"] - level)) for moment, point in zip(moments, points, strict=True)]
     early, late = (min((apart for half, apart in away if half is wanted), default=math.inf) for wanted in (False, True))
     return {"x": 0, "xanchor": "left"} if early > late else {}
-
-
-def _around(moments: Collection[str]) -> dict[str, Any]:
-    """Two hours around a single moment: by itself it gets an axis of a second."""
-    if len(moments) != 1:
-        return {}
-    moment, hour = datetime.fromisoformat(*moments), timedelta(hours=1)
-    return {"range": [(moment - hour).isoformat(), (moment + hour).isoformat()]}
 
 
 def _limits(archive: Archive, runs: Sequence[Mapping[str, Any]]) -> dict[str, JudgedQuantity]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from datetime import datetime, timedelta
 from itertools import pairwise
 from typing import Any
 
@@ -41,6 +42,15 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
         "zeroline": False,
         **more,
     }
+
+
+def dates(moments: Collection[str], least: timedelta, **more: Any) -> dict[str, Any]:
+    """An axis of dates [UTC], as long as `least`: a single moment by itself would get an axis of a second."""
+    times = [datetime.fromisoformat(moment) for moment in moments]
+    first, last = min(times), max(times)
+    middle = first + (last - first) / 2
+    range_ = [(middle + half).isoformat() for half in (-least / 2, least / 2)]
+    return axis("UTC", type="date", tickangle=0, **({"range": range_} if last - first < least else {}), **more)
 
 
 def plot(traces: Sequence[Any], layout: Mapping[str, Any], height: int = 420) -> Plot:

@@ -85,7 +85,7 @@ function spokenTrace(trace, layout) {
 }
 
 /** Ticks of a date, the same in every language; plotly's own have English months. */
-const DATES = [{ dtickrange: [null, 6e4], value: "%H:%M:%S\n%Y-%m-%d" }, { dtickrange: [6e4, 864e5], value: "%H:%M\n%Y-%m-%d" }, { dtickrange: [864e5, null], value: "%Y-%m-%d" }];
+const DATES = [{ dtickrange: [null, 6e4], value: "%H:%M:%S\n%Y-%m-%d" }, { dtickrange: [6e4, 864e5 - 1], value: "%H:%M\n%Y-%m-%d" }, { dtickrange: [864e5, null], value: "%Y-%m-%d" }];
 
 /** A moment (ISO 8601) by the reader's clock, without its zone: plotly draws what is written. */
 const local = (iso) => {
