@@ -97,7 +97,7 @@ def say(run, data, patience_s=5.0):
 
 def test_status_is_the_newest_tick(desk, live):
     assert remote.ask_run(live, "status")["state"] == "starting"
-    desk.look(STATION, status(100.0, holding=("too hot: unit_temperature = 90 is above 85",)))
+    desk.look(STATION, status(100.0, holding=("too hot: unit temperature = 90 degC is above 85 degC",)))
     answer = remote.ask_run(live, "status")
     assert answer["t_s"] == 100.0
     assert answer["segment"]["name"] == "ramp to 33 at 2"
@@ -106,7 +106,7 @@ def test_status_is_the_newest_tick(desk, live):
     assert answer["units"] == [
         {"serial": "G-1", "temperature_degc": None, "losses": {"received": 6010, "lost": 3}, "dropped": None}
     ]
-    assert answer["holding"] == ["too hot: unit_temperature = 90 is above 85"]
+    assert answer["holding"] == ["too hot: unit temperature = 90 degC is above 85 degC"]
     assert 0 <= answer["age_s"] < 5
 
 
@@ -128,7 +128,7 @@ def test_status_shows_the_guards_as_lights(sequencer, folder):
         ("door", "tripped", "hold"),
         ("disk", "ok", "abort"),
     ]
-    assert lights[0]["text"] == "unit_temperature = 61.5 is above 60"
+    assert lights[0]["text"] == "unit temperature = 61.5 degC is above 60 degC"
     assert (lights[0]["value"], lights[2]["text"]) == (61.5, "")
 
 

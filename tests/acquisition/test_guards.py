@@ -54,7 +54,7 @@ def test_a_stale_signal_trips_when_it_is_older_than_allowed():
     old = {"chamber_temperature": Signal(20.0, 0.0)}
     assert guards.evaluate(old, 5.0) == []
     (trip,) = guards.evaluate(old, 5.1)
-    assert trip.text == "g: chamber_temperature is 5.1 s old, 5 s allowed"
+    assert trip.text == "g: chamber air temperature is 5.1 s old, 5 s allowed"
 
 
 def test_infinity_is_beyond_any_threshold():
@@ -88,7 +88,7 @@ def test_rate_trips_and_releases_when_the_change_is_over():
 def test_troubles_are_named_before_their_delay_is_over():
     guards = Guards([guard(above=85.0, delay_s=60.0)])
     guards.evaluate({"chamber_temperature": Signal(90.0, 0.0)}, 0.0)
-    assert guards.troubles() == ["g: chamber_temperature = 90 is above 85"]
+    assert guards.troubles() == ["g: chamber air temperature = 90 degC is above 85 degC"]
     assert guards.in_force("abort") == []
 
 
@@ -134,7 +134,7 @@ def test_guards_in_force_are_listed_for_each_action():
     guards = Guards(rules)
     guards.evaluate({"chamber_temperature": Signal(3.0, 0.0)}, 0.0)
     for action in ("hold", "safe", "abort"):
-        assert guards.in_force(action) == [f"{action}: chamber_temperature = 3 is above 1"]
+        assert guards.in_force(action) == [f"{action}: chamber air temperature = 3 degC is above 1 degC"]
 
 
 @pytest.mark.parametrize(

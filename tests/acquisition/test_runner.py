@@ -191,7 +191,7 @@ def test_a_lost_chamber_is_said_loudly_and_the_data_are_kept(world, tmp_path):
 def test_a_silent_unit_trips_its_guard_and_ends_safe(world, tmp_path, capsys):
     result = run_job(acquisition.job(tmp_path), at(20, lambda station: world[0].units.clear()))
     assert isinstance(result.error, RunAborted)
-    assert "unit silent: frame_age" in str(result.error)
+    assert "unit silent: age of the newest frame" in str(result.error)
     assert capsys.readouterr().err == f"bench: {result.error}; the safe state was reached and read back\n"
     assert is_safe(world)
     assert result.run.manifest().state == "aborted"
@@ -251,7 +251,7 @@ def test_a_guard_that_trips_before_the_start_leaves_the_chamber_as_it_was_found(
     result = run_job(acquisition.job(tmp_path, settings=settings))
     assert isinstance(result.error, RunAborted)
     assert result.error.exit_code == 3
-    assert str(result.error).startswith("not started: too warm: chamber_temperature = ")
+    assert str(result.error).startswith("not started: too warm: chamber air temperature = ")
     assert "write" not in kinds(result.run)
     assert result.run.manifest().state == "aborted"
 

@@ -121,11 +121,11 @@ def test_a_held_ramp_stays_where_it_is_and_goes_on_as_a_marked_segment():
 
 def test_a_guard_that_aborts_ends_the_run_and_keeps_the_segment():
     bench = FakeBench(GuardSettings(**LOW), hooks={50: disk(1.0)})
-    with pytest.raises(RunAborted, match="aborted by guard: disk: disk_free_mb = 1 is below 10"):
+    with pytest.raises(RunAborted, match="aborted by guard: disk: free space of the disk = 1 MB is below 10 MB"):
         bench.go(RAMP)
     (ramp,) = bench.sequencer.results
     assert ramp.outcome == "interrupted"
-    assert "disk_free_mb" in ramp.reason
+    assert "free space of the disk" in ramp.reason
 
 
 @pytest.mark.parametrize("action", ["abort", "hold"])
@@ -133,7 +133,7 @@ def test_a_guard_that_aborts_ends_the_run_and_keeps_the_segment():
 def test_a_guard_that_objects_before_the_start_leaves_everything_untouched(action, delay_s):
     bench = FakeBench(GuardSettings(**LOW, action=action, delay_s=delay_s))
     bench.disk_mb = 1.0
-    with pytest.raises(RunAborted, match="not started: disk: disk_free_mb = 1 is below 10"):
+    with pytest.raises(RunAborted, match="not started: disk: free space of the disk = 1 MB is below 10 MB"):
         bench.go(RAMP)
     assert bench.chamber.commands == []
     assert not bench.sequencer.moved

@@ -203,7 +203,7 @@ def test_a_lost_bus_takes_its_units_with_it_and_no_others(tmp_path):
 def test_when_all_fall_silent_together_nobody_leaves_and_the_guards_decide(world, tmp_path):
     result = run_job(job(tmp_path), at(20, lambda station: world[0].units.clear()))
     assert all(isinstance(unit.error, RunAborted) for unit in result.units)
-    assert "unit silent: frame_age" in str(result.error)
+    assert "unit silent: age of the newest frame" in str(result.error)
     assert {unit.run.manifest().state for unit in result.units} == {"aborted"}
 
 

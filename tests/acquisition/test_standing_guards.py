@@ -149,6 +149,6 @@ def test_a_run_whose_chamber_runs_away_is_ended_and_made_safe(tmp_path, world):
         world[0].shown["temperature"] = 250.0
 
     result = run_job(acquisition.job(tmp_path, acquisition.LONG), at(20, overheat))
-    assert str(result.error).startswith("aborted by guard: air changes too fast: chamber_temperature changes by")
+    assert str(result.error).startswith("aborted by guard: air changes too fast: chamber air temperature changes by")
     assert result.run.manifest().state == "aborted"
     assert world[0].chamber.commands().on is False

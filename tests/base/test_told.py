@@ -116,6 +116,8 @@ def test_a_translation_keeps_the_values_and_uses_its_own_letters(spoken: str, co
 SAMPLES = [
     ("unit too hot: unit_temperature = 91.5 is above 90", "uk",
      "виріб перегрітий: температура виробу = 91,5, вище за 90"),
+    ("unit too hot: unit temperature = 91.5 degC is above 90 degC", "uk",
+     "виріб перегрітий: температура виробу = 91,5 °C, вище за 90 °C"),
     ("Complete, no frame lost; M1 leaves 1.2 × the noise floor on unseen data.", "zh",
      "已完成，没有丢帧；模型“M1”在未见数据上的残差为噪声底的1.2倍。"),
     ("all ramps at 2 degC/min: thermal lag, dT/dt and hysteresis cannot be separated; give some ramps another rate",
@@ -139,8 +141,9 @@ SAMPLES = [
      "segments failed", "uk",
      "прогін неповний: перервано (перервано захистом: виріб мовчить: вік останнього кадру = 5,002, вище за 5); не "
      "вдалося ділянок: 1"),
-    ("the run is not complete: aborted (aborted by guard: unit silent: frame_age = 5.002 is above 5), 1 of its "
-     "segments failed", "zh", "试验不完整：已中止（由保护项中止：产品无应答：最后一帧的时间 = 5.002，高于5），1段失败"),
+    ("the run is not complete: aborted (aborted by guard: unit silent: age of the newest frame = 5.002 s is "
+     "above 5 s), 1 of its segments failed", "zh",
+     "试验不完整：已中止（由保护项中止：产品无应答：最后一帧的时间 = 5.002秒，高于5秒），1段失败"),
     ("units[0].bus: bus 'can9' is not in this station; known: can0, can1", "uk",
      "units[0].bus: шини 'can9' немає в цьому стенді; відомі: can0, can1"),
     ("units[1]: GX-2 and GX-1 are both number 0 on can0", "uk",

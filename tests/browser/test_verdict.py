@@ -126,7 +126,7 @@ UNHEARD = "unit SIM-0001: no sound rate frame as number 0 on bus can0; check its
 @pytest.mark.parametrize(
     ("state", "cause", "heading"),
     [("failed", f"not started: {UNHEARD}", "NOT STARTED"),
-     ("aborted", "aborted by guard: unit silent: frame_age = 5.002 is above 5", "ABORTED")],
+     ("aborted", "aborted by guard: unit silent: age of the newest frame = 5.002 is above 5", "ABORTED")],
 )  # fmt: skip
 def test_a_unit_that_is_not_heard_is_no_failure_of_the_equipment_and_says_what_to_check(
     site, visitors, state, cause, heading

@@ -48,12 +48,12 @@ def test_plain_lines_at_every_leg_and_not_at_every_tick(capsys):
 
 def test_a_terminal_gets_a_table(terminal):
     with Progress(PROFILE) as show:
-        show(STATION, status(10.0, holding=("too hot: unit_temperature = 90 is above 85",)))
+        show(STATION, status(10.0, holding=("too hot: unit temperature = 90 degC is above 85 degC",)))
     text = terminal.getvalue()
     for part in ("1/2  ramp to 33 at 2", "25.04 degC", "33.00 degC", "24.57 degC", "6010 received, 3 lost", "601/s"):
         assert part in text
     assert "HOLD" in text
-    assert "too hot: unit_temperature = 90 is above 85" in text
+    assert "too hot: unit temperature = 90 degC is above 85 degC" in text
 
 
 def several():

@@ -24,7 +24,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, Field, model_validator
 
-from bench.base import INSTRUMENTS, STRICT, InputError, Measured
+from bench.base import CHANNELS, INSTRUMENTS, STRICT, InputError, Measured
 
 Action = Literal["hold", "safe", "abort"]
 Name = Literal[
@@ -64,6 +64,23 @@ OF_UNITS: frozenset[str] = frozenset(
 """Signals that come from units or their supply: guards on them do not watch while its power is off on purpose."""
 OPTIONAL: frozenset[str] = frozenset({"power", "frozen_s", "door", "sensor_break", *INSTRUMENTS})
 """Signals that not every station tells."""
+WORDS: Mapping[str, tuple[str, str]] = {
+    "chamber_temperature": ("chamber air temperature", "degC"),
+    "unit_temperature": ("unit temperature", "degC"),
+    "unit_coldest": ("temperature of the coldest unit", "degC"),
+    "unit_excess": ("distance of the unit from the air", "K"),
+    "unit_doubted_s": ("time without a believed unit temperature", "s"),
+    "setpoint_excess": ("distance of the air from its set point", "K"),
+    "display_degf": ("display in degF", ""),
+    "sensor_disagreement": ("distance of the sensors", "K"),
+    "frame_age": ("age of the newest frame", "s"),
+    "disk_free_mb": ("free space of the disk", "MB"),
+    "power": ("power", "%"),
+    "frozen_s": ("time without a changed reading", "s"),
+    "chamber_silent_s": ("silence of the chamber", "s"),
+    "bus_failed_s": ("failure of the bus", "s"),
+}
+"""Signals in words, and their units; that of another is its name, without underscores, and the unit of its channel."""
 Seconds = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -105,6 +122,20 @@ class GuardSettings(BaseModel):
     """A signal older than this trips at once."""
     action: Action = "abort"
     """`hold` until the guard releases; `safe`: end the profile, record on the way to ambient; `abort`: end the run."""
+
+    @property
+    def watched(self) -> str:
+        """The signal in words."""
+        return self._words[0]
+
+    def valued(self, value: float) -> str:
+        """A value of the signal with its unit."""
+        return f"{value:.6g} {self._words[1]}".rstrip()
+
+    @property
+    def _words(self) -> tuple[str, str]:
+        name = self.signal
+        return WORDS.get(name) or (name.replace("_", " "), CHANNELS[name].unit if name in CHANNELS else "")
 
     @model_validator(mode="after")
     def _watches_something(self) -> GuardSettings:
@@ -250,15 +281,16 @@ class _Guard:
         if now_s - self.good_since < self.settings.release_delay_s:
             return None
         self.tripped = False
-        text = f"{self.settings.name}: {self.settings.signal} = {signal.value:.6g} is inside its limits again"
-        return Trip(self.settings, False, now_s, text)
+        rule = self.settings
+        text = f"{rule.name}: {rule.watched} = {rule.valued(signal.value)} is inside its limits again"
+        return Trip(rule, False, now_s, text)
 
     def _silent(self, signal: Signal | None, now_s: float) -> str | None:
         rule = self.settings
         if signal is None or math.isnan(signal.value):
-            return f"{rule.signal} is missing"
+            return f"{rule.watched} is missing"
         if now_s - signal.t_s > rule.max_age_s:
-            return f"{rule.signal} is {now_s - signal.t_s:.1f} s old, {rule.max_age_s:g} s allowed"
+            return f"{rule.watched} is {now_s - signal.t_s:.1f} s old, {rule.max_age_s:g} s allowed"
         return None
 
     def _beyond(self, signal: Signal) -> str | None:
@@ -267,11 +299,11 @@ class _Guard:
         below = rule.release_above if self.tripped and rule.release_above is not None else rule.below
         rate = self._rate_per_min(signal) if rule.rate_per_min is not None else 0.0
         if above is not None and signal.value > above:
-            return f"{rule.signal} = {signal.value:.6g} is above {above:g}{_because(signal)}"
+            return f"{rule.watched} = {rule.valued(signal.value)} is above {rule.valued(above)}{_because(signal)}"
         if below is not None and signal.value < below:
-            return f"{rule.signal} = {signal.value:.6g} is below {below:g}{_because(signal)}"
+            return f"{rule.watched} = {rule.valued(signal.value)} is below {rule.valued(below)}{_because(signal)}"
         if rule.rate_per_min is not None and rate > rule.rate_per_min:
-            return f"{rule.signal} changes by {rate:.6g} per minute, {rule.rate_per_min:g} allowed"
+            return f"{rule.watched} changes by {rule.valued(rate)} per minute, {rule.valued(rule.rate_per_min)} allowed"
         return None
 
     def _rate_per_min(self, signal: Signal) -> float:
