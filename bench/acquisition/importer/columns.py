@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from pydantic import BaseModel, Field, create_model, model_validator
@@ -164,11 +165,18 @@ class Mapped:
 
 
 class UnclearColumnError(InputError):
-    """Neither the column map nor a header says which column or unit is meant; `problem` says so without the advice."""
+    """Neither the column map nor a header says which columns or units are meant; `problem` says so without the advice.
 
-    def __init__(self, problem: str, advice: str, table: Table) -> None:
-        super().__init__(f"{problem}; {advice}", table.path)
-        self.problem = problem
+    `unclear` are problems, each with its advice.
+    """
+
+    def __init__(self, unclear: Sequence[tuple[str, str]], table: Table) -> None:
+        super().__init__("; ".join(chain.from_iterable(unclear)), table.path)
+        self.problem = "; ".join(problem for problem, _ in unclear)
+
+
+Unclear = dict[str, tuple[str, str]]
+"""By channel a problem and an advice."""
 
 
 def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
@@ -191,14 +199,32 @@ def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]
     return name, None
 
 
-def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
-    """Channels but time that the map names or a header makes obvious; InputError when a required one is unclear."""
+def find_columns(table: Table, columns: ColumnMap) -> tuple[TimeSource, dict[str, Mapped]]:
+    """Where time comes from, and the other channels that the map names or a header makes obvious.
+
+    Raises InputError with all that is unclear of what is needed.
+    """
+    unclear: Unclear = {}
+    source = _find_time(table, columns, unclear)
+    found = _find_channels(table, columns, unclear)
+    needed = (("time", ("time",)), ("rate", RATES), ("temperature", THERMOMETERS))
+    clear = {*found, *unclear, *(["time"] if source else [])}
+    if missing := [channel for channel, some in needed if not {*some} & clear]:
+        advice = f"name it in a column map, `{missing[0]}: {{column: …, unit: {examples(missing[0])[0]}}}`"
+        other = " or `time: {rate_hz: …}`" if missing[0] == "time" else ""
+        unclear[missing[0]] = (f"no column is {' or '.join(missing)}; {_has(table)}", advice + other)
+    if unclear or source is None:
+        raise UnclearColumnError([*unclear.values()], table)
+    return source, found
+
+
+def _find_channels(table: Table, columns: ColumnMap, unclear: Unclear) -> dict[str, Mapped]:
     named = {name: columns.channel(name) for name in IMPORTED if name != "time"}
-    found = {name: _mapped(table, name, source) for name, source in named.items() if source is not None}
+    found = {name: _mapped(table, name, source, unclear) for name, source in named.items() if source is not None}
     taken = {mapped.column for mapped in found.values()} | {columns.time.column if columns.time else None}
     obvious = _obvious(table, taken)
     if not {*RATES} & {*found}:
-        found |= _triads(table, taken, obvious)
+        found |= _triads(table, taken, obvious, unclear)
     for channel, candidates in obvious.items():
         if channel in found or channel == "time" or (channel in RATES and {*RATES} & {*found}):
             continue
@@ -206,17 +232,15 @@ def find_channels(table: Table, columns: ColumnMap) -> dict[str, Mapped]:
             if CHANNELS[channel].required:
                 names = ", ".join(candidates)
                 advice = f"choose one in a column map, `{channel}: {{column: {candidates[0]}}}`"
-                raise UnclearColumnError(f"several columns could be {channel}: {names}", advice, table)
+                unclear[channel] = (f"several columns could be {channel}: {names}", advice)
             continue
-        found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]))
-    needed = (("rate", RATES), ("temperature", THERMOMETERS))
-    if missing := [channel for channel, some in needed if not {*some} & {*found}]:
-        advice = f"name it in a column map, `{missing[0]}: {{column: …, unit: {examples(missing[0])[0]}}}`"
-        raise UnclearColumnError(f"no column is {' or '.join(missing)}; {_has(table)}", advice, table)
+        found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]), unclear)
     return {channel: found[channel] for channel in IMPORTED if channel in found}
 
 
-def _triads(table: Table, taken: set[str | None], obvious: Mapping[str, list[str]]) -> dict[str, Mapped]:
+def _triads(
+    table: Table, taken: set[str | None], obvious: Mapping[str, list[str]], unclear: Unclear
+) -> dict[str, Mapped]:
     """Three rates that only their axis tells apart, and three accelerations beside them whose unit is stated."""
     named: dict[str, list[str]] = {}
     for name in table.columns:
@@ -230,19 +254,21 @@ def _triads(table: Table, taken: set[str | None], obvious: Mapping[str, list[str
         if len(own) < 3 or (kind == "rate" and len(obvious.get("rate", ())) not in {0, 3}):
             continue
         if kind == "rate" or (found and stated):
-            found |= {channel: _mapped(table, channel, ChannelSource(column=name)) for channel, name in own.items()}
+            found |= {
+                channel: _mapped(table, channel, ChannelSource(column=name), unclear) for channel, name in own.items()
+            }
     return found
 
 
-def find_time(table: Table, columns: ColumnMap) -> TimeSource:
-    """Where time comes from; InputError when neither the map nor a header says."""
+def _find_time(table: Table, columns: ColumnMap, unclear: Unclear) -> TimeSource | None:
+    """Where time comes from; None when neither the map nor a header says."""
     if columns.time is not None:
         source = columns.time
         if source.column is not None:
             _existing(table, "time", source.column)
             stated = source.unit or source.step_s or split_header(source.column, table.units.get(source.column))[1]
             if not stated and _word(source.column) in _COUNTERS:
-                raise _counter(table, source.column)
+                unclear["time"] = _counter(source.column)
         return source
     candidates = _obvious(table, set()).get("time", [])
     if len(candidates) == 1:
@@ -250,17 +276,17 @@ def find_time(table: Table, columns: ColumnMap) -> TimeSource:
         return TimeSource(column=candidates[0])
     if candidates:
         advice = f"choose one in a column map, `time: {{column: {candidates[0]}}}`"
-        raise UnclearColumnError(f"several columns could be time: {', '.join(candidates)}", advice, table)
+        unclear["time"] = (f"several columns could be time: {', '.join(candidates)}", advice)
+        return None
     counters = [name for name in table.columns if _word(name) in _COUNTERS]
     if counters:
-        raise _counter(table, counters[0])
-    advice = "name it in a column map, `time: {column: …, unit: s}` or `time: {rate_hz: …}`"
-    raise UnclearColumnError(f"no column is time; {_has(table)}", advice, table)
+        unclear["time"] = _counter(counters[0])
+    return None
 
 
-def _counter(table: Table, name: str) -> UnclearColumnError:
+def _counter(name: str) -> tuple[str, str]:
     advice = f"say it in a column map, `time: {{column: {name}, interval_s: …}}`"
-    return UnclearColumnError(f"'{name}' counts samples, and nothing says how long one takes", advice, table)
+    return f"'{name}' counts samples, and nothing says how long one takes", advice
 
 
 def time_conversion(table: Table, source: TimeSource) -> Conversion:
@@ -317,7 +343,7 @@ def _word(name: str) -> str:
     return re.sub(r"[\W_]", "", name.rstrip(". ").rsplit(".", 1)[-1].lower())
 
 
-def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:
+def _mapped(table: Table, channel: str, source: ChannelSource, unclear: Unclear) -> Mapped:
     _existing(table, channel, source.column)
     header = split_header(source.column, table.units.get(source.column))[1]
     unit, how = source.unit or header, "column map" if source.unit else "header"
@@ -325,7 +351,7 @@ def _mapped(table: Table, channel: str, source: ChannelSource) -> Mapped:
         if channel in OUTPUTS and source.column != channel:
             problem = f"'{source.column}' does not say its unit, which may be {', '.join(examples(channel))}"
             advice = f"say it in a column map, `{channel}: {{column: {source.column}, unit: …}}`"
-            raise UnclearColumnError(problem, advice, table)
+            unclear[channel] = (problem, advice)
         unit, how = CHANNELS[channel].unit, "assumed"
     return Mapped(channel, source.column, unit, _convert(table, unit, channel), how)
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from bench.acquisition.importer.branches import Branch, find_branches, segment_of
-from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_channels, find_time, time_conversion
+from bench.acquisition.importer.columns import ColumnMap, Mapped, TimeSource, find_columns, time_conversion
 from bench.acquisition.importer.doubts import doubts, refuse_impossible, time_doubts, time_gaps
 from bench.acquisition.importer.table import Table
 from bench.base import CHANNELS, OTHERS, RATES, THERMOMETERS, FloatArray, InputError, __version__, dump, load_config
@@ -127,8 +127,7 @@ def load_columns(path: Path | str) -> ColumnMap:
 
 def plan_table(table: Table, columns: ColumnMap, serial: str) -> ImportPlan:
     """Judge a table that was read; InputError when it cannot become a run."""
-    source = find_time(table, columns)
-    mapped = find_channels(table, columns)
+    source, mapped = find_columns(table, columns)
     table = _in_order(table, source)
     time = _time(table, source)
     with np.errstate(over="ignore"):  # what is beyond every number is refused below
