@@ -12,6 +12,7 @@ from bench.base.errors import InputError
 from bench.cli import main
 from bench.record import DiagnosisRecord
 from tests.support.fleet_runs import station, uncalibrated
+from tests.support.run_folders import keep
 
 
 def diagnosis(run, model="spline", lacks=(), verdict="missing_effect"):
@@ -79,6 +80,15 @@ def test_the_plan_is_that_of_the_figures_of_the_fleet_whatever_was_run_besides(l
     refitted = CliRunner().invoke(main, ["fleet", "refit", "--model", "spline", "--out", str(line)])
     assert "4 of other profiles (soak; --profile)" in refitted.output
     assert invoke("fleet", "diagnose", "--model", "spline", "--out", line, "--profile", "soak")["units"] == 4
+
+
+def test_a_unit_is_diagnosed_by_its_newest_judged_run_as_it_is_counted_in_the_fleet(line, asked):
+    (judged,) = (line / "A-2").iterdir()
+    for folder, verdict in ((judged, "PASS"), (station(line, "A-2", "S", 5.0, residual=0.1), "INVALID")):
+        keep(folder, "limits.json", {"name": "line", "verdict": verdict, "results": []})
+    invoke("registry", "rebuild", "--out", line)
+    assert invoke("fleet", "diagnose", "--model", "spline", "--out", line)["lots"]["A"]["units"] == 2
+    assert asked == [str(judged)]
 
 
 def test_a_diagnosis_of_another_model_does_not_serve(line, asked):

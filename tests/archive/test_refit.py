@@ -25,7 +25,7 @@ from bench.base.errors import InputError
 from bench.cli import main
 from bench.record.reading import load
 from tests.support.fleet_runs import fleet
-from tests.support.run_folders import make_run, ramp_run
+from tests.support.run_folders import keep, make_run, ramp_run
 
 MODEL = Model("spline 12", (Spline(12),))
 UNITS = 700
@@ -350,6 +350,20 @@ def test_a_newer_run_of_another_kind_does_not_replace_the_calibration(reports, k
     done = refit(reports)
     assert done["left_out"] == [words]
     assert [run.endswith("U-1/r1") for run in pq.read_table(done["records"]).column("run").to_pylist()] == [True, False]
+
+
+def test_a_newer_run_that_was_not_judged_does_not_replace_the_judged_one(reports):
+    make_run(reports / "U-1" / "r2", **ramp_run(seed=5), unit="U-1", run="r2", created="2026-11-02T00:00:00+00:00")
+    for run, verdict in (("r1", "PASS"), ("r2", "INVALID")):
+        calibration = {
+            "calibration": {"model": {"name": "spline"}, "coefficients": [], "parameters": [], "validity": {}}
+        }
+        keep(reports / "U-1" / run, "calibration.json", calibration)
+        keep(reports / "U-1" / run, "limits.json", {"name": "line", "verdict": verdict, "results": []})
+    rebuild(reports)
+    done = refit(reports)
+    (first, *_) = pq.read_table(done["records"]).column("run").to_pylist()
+    assert first.endswith("U-1/r1")
 
 
 def test_real_units_and_simulated_ones_do_not_stand_in_one_figure(reports):

@@ -1,4 +1,4 @@
-"""Moments of the runs that the registry knows: the newest selected run of every unit, each read once.
+"""Moments of the runs that the registry knows: the newest judged one of those selected of every unit, each read once.
 
 Runs are read by the engines of a refit. What they have read is kept as it comes, in small files beside the file of all,
 so that an interrupted collection goes on with the runs that were in work.
@@ -16,7 +16,7 @@ from bench.archive.fleet import moments_file
 from bench.archive.fleet.engines import Engine, Work
 from bench.archive.fleet.moments_file import Stored
 from bench.archive.fleet.selection import Selection
-from bench.archive.fleet.units import as_shown
+from bench.archive.fleet.units import as_shown, standing
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
@@ -57,9 +57,9 @@ def collect(
     """Bring the file up to date: rows of unchanged runs stay, new or changed runs are read by `engine` (of groups)."""
     chosen, left_out = as_shown(registry, selection).of(runs(registry, archive=ledger.id))
     wanted: dict[str, Due] = {}
-    for run in chosen:
+    for run in standing(chosen):
         folder = str(ledger.root.resolve() / run["path"])
-        wanted.setdefault(run["unit"], Due(run["unit"], run["id"], run["manifest_sha256"], folder))
+        wanted[run["unit"]] = Due(run["unit"], run["id"], run["manifest_sha256"], folder)
     digests = {one.run: one.sha256 for one in wanted.values()}
     done, parts = Collected(left_out=left_out), path.with_suffix(".parts")
     known = {run for file in _files(path, parts) for run, digest in moments_file.known(file).items()

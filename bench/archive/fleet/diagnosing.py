@@ -1,4 +1,4 @@
-"""Diagnosis of a whole fleet: what the model of each unit lacks, by the newest run of its profile.
+"""Diagnosis of a whole fleet: what the model of each unit lacks, by the newest judged run of its profile.
 
 A diagnosis that a run folder has serves where it is of the same model. The others are made by an engine; each is
 written into its run folder as it comes, so that the next start goes on there.
@@ -19,8 +19,8 @@ import scipy
 from bench.analysis import NEXT_PROFILE, Model, diagnosed, noise_floor, one_blas_thread, set_aside
 from bench.archive.fleet.drift import SIGNIFICANT
 from bench.archive.fleet.engines import Engine, Work
-from bench.archive.fleet.selection import Row, Selection, lot_of
-from bench.archive.fleet.units import as_shown
+from bench.archive.fleet.selection import Selection, lot_of
+from bench.archive.fleet.units import as_shown, standing
 from bench.archive.registry.asking import runs
 from bench.archive.registry.ledger import Ledger
 from bench.archive.registry.opening import Registry
@@ -99,17 +99,15 @@ def diagnose_fleet(  # noqa: PLR0913 - options of one command, by keyword
     part: str = "",
     again: bool = False,
 ) -> FleetDiagnosis:
-    """Diagnose the newest selected run of each unit where that is not done yet; `engine` is made for so many runs.
+    """Diagnose the newest judged run of each unit, of those selected, where that is not done yet.
 
-    `part`: of units with this in their serial number.
+    `engine` is made for so many runs; `part`: of units with this in their serial number.
     """
     found = [run for run in runs(registry, archive=ledger.id) if part in run["unit"]]
     chosen, left_out = as_shown(registry, selection, _having(part)).of(found)
-    folders: dict[str, str] = {}
-    for run in chosen:  # the newest first
-        folders.setdefault(run["unit"], str(ledger.root / run["path"]))
-    known = {str(ledger.root / run["path"]) for run in chosen if run["diagnosed_model"] == model.name}
-    waiting = [folder for folder in folders.values() if again or folder not in known]
+    waiting = [
+        str(ledger.root / run["path"]) for run in standing(chosen) if again or run["diagnosed_model"] != model.name
+    ]
     written = [] if again else [folder for folder in waiting if _there(Path(folder), model)]
     waiting = sorted(set(waiting) - set(written))
     done = FleetDiagnosis(left_out=left_out)
@@ -149,21 +147,19 @@ def known_lacks(
     archive: str | None = None,
     part: str = "",
 ) -> KnownLacks:
-    """The diagnoses of the newest selected run of each unit, of `model`, or of the one that most units have.
+    """The diagnoses of the newest judged run of each unit, of those selected, by `model`, or by that of most units.
 
     `part`: of units with this in their serial number.
     """
     selection = as_shown(registry, selection, _having(part))
     found = runs(registry, archive=archive, among=selection.among())
     chosen, _ = selection.of([run for run in found if part in run["unit"]])
-    newest: dict[str, Row] = {}
-    for run in chosen:
-        newest.setdefault(run["unit"], run)
-    models = Counter(run["diagnosed_model"] for run in newest.values() if run["diagnosed_model"])
+    newest = standing(chosen)
+    models = Counter(run["diagnosed_model"] for run in newest if run["diagnosed_model"])
     model = model or next((name for name, _ in models.most_common(1)), "")
     told = [
         Told(unit, lot_of(unit, run["lot"]), run["diagnosis"], tuple(filter(None, run["lacks"].split(","))))
-        for unit, run in newest.items()
+        for unit, run in ((run["unit"], run) for run in newest)
         if model and run["diagnosed_model"] == model
     ]
     return KnownLacks(model, dict(models), told)

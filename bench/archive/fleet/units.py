@@ -18,7 +18,7 @@ from sqlalchemy import ColumnElement, func, select
 
 from bench.analysis import Limits, Quantity, judge_limits
 from bench.archive.fleet.groups import Coded, ObjectArray, coded
-from bench.archive.fleet.selection import ONE, UNKNOWN, Selection, lot_of, profile_of
+from bench.archive.fleet.selection import ONE, UNKNOWN, Row, Selection, lot_of, profile_of
 from bench.archive.registry.asking import once
 from bench.archive.registry.opening import Registry, open_registry
 from bench.archive.registry.summaries import JUDGED, decided
@@ -116,18 +116,8 @@ class Runs(Sequence[Calibrated]):
         return self.columns[name][self.rows]
 
     def of_units(self, judged: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Places of the newest `judged` run of every unit in order of time, of its first one, and of its newest run.
-
-        A unit without a judged run has its newest and its first run.
-        """
-        unit = pa.array(self.column("unit"), pa.string()).dictionary_encode().indices.to_numpy()
-        first, newest = np.empty((2, int(unit.max()) + 1), dtype=np.int64)
-        every = np.arange(unit.size)
-        newest[unit] = every
-        first[unit[::-1]] = every[::-1]
-        last, judging = newest.copy(), every[judged]
-        newest[unit[judging]] = judging
-        first[unit[judging[::-1]]] = judging[::-1]
+        """Places of the newest `judged` run of every unit in order of time, of its first one, and of its newest run."""
+        newest, first, last = _of_units(self.column("unit"), judged)
         runs = replace(self, rows=self.rows[newest])
         keys = pa.table({"time": runs.time_s, "run": pa.array(runs.column("id"), pa.string())})
         order = pc.sort_indices(keys, sort_keys=[("time", "ascending"), ("run", "ascending")]).to_numpy()
@@ -142,6 +132,30 @@ class Runs(Sequence[Calibrated]):
         except pa.ArrowInvalid:  # a time without a zone is local time
             return np.array([_time_s(one) for one in created])
         return np.asarray(zoned.to_numpy() / 1e6, dtype=np.float64)
+
+
+def standing(found: Sequence[Row]) -> list[Row]:
+    """The run by which each unit stands, the newest first, of runs of which the newest comes first."""
+    oldest_first = found[::-1]
+    judged = np.array([decided(run["judged"]) for run in oldest_first], dtype=bool)
+    newest, _, _ = _of_units([run["unit"] for run in oldest_first], judged)
+    return [oldest_first[place] for place in sorted(newest.tolist(), reverse=True)]
+
+
+def _of_units(units: Sequence[str] | ObjectArray, judged: BoolArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Places of the newest `judged` run of every unit, of its first one, and of its newest run; the oldest comes first.
+
+    A unit without a judged run has its newest and its first run.
+    """
+    unit = pa.array(units, pa.string()).dictionary_encode().indices.to_numpy()
+    first, newest = np.empty((2, int(unit.max(initial=-1)) + 1), dtype=np.int64)
+    every = np.arange(unit.size)
+    newest[unit] = every
+    first[unit[::-1]] = every[::-1]
+    last, judging = newest.copy(), every[judged]
+    newest[unit[judging]] = judging
+    first[unit[judging[::-1]]] = judging[::-1]
+    return newest, first, last
 
 
 _OF_CALIBRATED = ("id", "unit", "lot", "station", "created", "judged", "limits")

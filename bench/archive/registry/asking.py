@@ -10,6 +10,7 @@ from sqlalchemy import ColumnElement, func, select
 
 from bench.archive.registry.opening import Registry
 from bench.archive.registry.rows import OF_RUNS
+from bench.archive.registry.summaries import JUDGED
 from bench.archive.registry.writing import TABLES
 from bench.base import InputError
 
@@ -27,12 +28,14 @@ def runs(
     Of one `archive` all that it holds, others may hold them, too. `among`: further conditions on runs and units.
     """
     run, units, calibration, diagnosis = (TABLES[name] for name in ("runs", "units", "calibrations", "diagnoses"))
-    own = (calibration.c.verdict, calibration.c.model, calibration.c.judged)
+    certificate = TABLES["certificates"]
+    own = (calibration.c.verdict, calibration.c.model, JUDGED)
     lacking = (diagnosis.c.model.label("diagnosed_model"), diagnosis.c.verdict.label("diagnosis"), diagnosis.c.lacks)
     chosen = (
         select(run, units.c.lot, *own, *lacking)
         .join_from(run, units, units.c.serial == run.c.unit)
         .join(calibration, calibration.c.run == run.c.id, isouter=True)
+        .join(certificate, certificate.c.run == run.c.id, isouter=True)
         .join(diagnosis, diagnosis.c.run == run.c.id, isouter=True)
         .where(once(unit) if archive is None else run.c.archive == archive, *among)
         .order_by(run.c.seen.desc().nulls_last(), run.c.created.desc(), run.c.id)
