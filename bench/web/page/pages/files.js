@@ -92,7 +92,6 @@ function File({ kind, id, stations, saved }) {
   };
   if (text === null && state.error?.status === 400) return html`<${Unknown} what=${html`<${Said} text=${state.error.message} whole />`} way=${() => saved("")} words=${t("files.choose")} />`;
   if (text === null) return state.error ? html`<${Trouble} error=${state.error} retry=${load} />` : html`<${Busy} />`;
-  const placed = findings.filter(({ line, level }) => line && level !== "info");
   const warnings = findings.filter(({ level }) => level === "warning").length;
   const tone = check.result?.ok === false ? "bad" : warnings ? "warn" : "good";
   return html`<form class="edit-file stack" onSubmit=${save}>
@@ -114,8 +113,7 @@ function File({ kind, id, stations, saved }) {
         ${check.result?.curve?.length > 0 && html`<${Curve} curve=${check.result.curve} width=${520} height=${260} axes />`}
         <div role="status">${check.busy ? html`<${Busy}>${t("ready.checking")}<//>` : check.result && html`<p><${Lamp} tone=${tone}>${tone === "warn" ? t("ready.warn", { n: warnings }) : t(`files.${tone}`)}<//>${check.result.duration_s ? html` <span class="soft">${t("ready.takes")} ${duration(check.result.duration_s)}</span>` : ""}</p>`}</div>
         <${Trouble} error=${check.error} />
-        ${placed.length > 0 && html`<p class="row">${[...new Set(placed.map(({ line }) => line))].slice(0, 12).map((line) => html`<button type="button" key=${line} class="narrow" onClick=${() => setFocus({ line })}>${t("files.line", { line: String(line) })}</button>`)}</p>`}
-        <${Findings} findings=${findings} lines />
+        <${Findings} findings=${findings} lines=${(line) => html`<button type="button" class="narrow" onClick=${() => setFocus({ line })}>${t("files.line", { line: String(line) })}</button>`} />
       </div>
     </div>
     ${kind === "stations" && html`<p><a href=${`/laboratory?station=${encodeURIComponent(id)}`}>${t("papers.title")}</a></p>`}

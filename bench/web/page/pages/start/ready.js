@@ -130,7 +130,7 @@ function Checked({ result, plans, error, again, units }) {
   </div>`;
 }
 
-/** Findings of a check; `lines`: each with its line of the file where it names one; `names` of the user in them. */
-export const Findings = ({ findings, lines = false, names = [] }) => findings.length > 0 && html`<ul class="findings">
-  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${lines && line ? `${line}: ` : ""}<${Said} text=${text} whole names=${names} /></span></li>`)}
+/** Findings of a check; `lines` shows the line of the file before a finding that names one; `names` of the user in them. */
+export const Findings = ({ findings, lines = null, names = [] }) => findings.length > 0 && html`<ul class="findings">
+  ${findings.map(({ level, text, line }) => html`<li key=${`${line} ${text}`}><span class=${`tone-${TONES[level]}`}><${Shape} tone=${TONES[level]} /></span><span>${line && lines?.(line)} <${Said} text=${text} whole names=${names} /></span></li>`)}
 </ul>`;
