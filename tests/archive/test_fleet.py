@@ -279,8 +279,12 @@ def test_a_station_that_drifts_is_not_named_again_for_its_shift(made):
     attention = overview(replace(found, shifts=(further, *found.shifts)))["attention"]
     assert {one.place for one in found.shifts} == {"station-B"}
     assert (attention["stations"], [one["place"] for one in attention["shifted"]]) == (["station-B"], ["station-A"])
-    sudden = overview(replace(found, shifts=(replace(found.shifts[0], sudden=True),)))["attention"]
+    told = overview(replace(found, shifts=(replace(found.shifts[0], sudden=True),)))
+    sudden = told["attention"]
     assert (sudden["stations"], [one["place"] for one in sudden["shifted"]]) == ([], ["station-B"])
+    assert [one["kind"] for one in told["drifts"]] == ["lot"], (
+        "a station that stepped is in the table of the shifts alone"
+    )
 
 
 def test_the_yield_over_time_is_that_of_the_first_attempts_of_each_week(tmp_path):

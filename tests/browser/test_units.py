@@ -617,5 +617,5 @@ def test_the_fleet_page_shows_what_models_lack_by_lot(tmp_path, visitors):
         page.locator(".findings li", has_text="L0-").first.wait_for()
         page.goto("/fleet?until=2026-03-02")
         page.get_by_text("Too few units to test: a station needs eight").wait_for()
-        assert page.get_by_text("No significant change").count() == 0
+        assert page.get_by_text("No station drifts").count() == 0
         page.context.close()

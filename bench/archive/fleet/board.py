@@ -37,7 +37,7 @@ def overview(found: Statistics) -> Found:
         one["signals"] = len(measured.chart.signals) if measured.chart else None
         one["capable"] = None if measured.capability is None else bool(measured.capability.ppk >= GOOD_CPK)
         one.pop("chart")
-    moved = [one for one in content["drifts"] if one["significant"]]
+    moved = [one for one, drift in zip(content["drifts"], found.drifts, strict=True) if drift in found.moved]
     for one in moved:
         one["unit"] = found.fleet.units[one["quantity"]]
     for one in content["shifts"]:

@@ -140,13 +140,15 @@ def _capability_row(one: Measured) -> Row:
 
 
 def _drift(found: Statistics) -> Section:
-    moved = [one for one in found.drifts if one.significant]
+    moved = found.moved
     tested = f"{len(found.drifts)} changes were tested; the table has those with p < {SIGNIFICANT:g} after Holm."
     if not found.drifts:
         few = "Too few units to test: a station needs eight, and two lots need three each."
         return Section("drift", "Drift of stations and lots", lead(few))
     if not moved:
-        return Section("drift", "Drift of stations and lots", lead("Chance explains all of them.") + paragraph(tested))
+        return Section(
+            "drift", "Drift of stations and lots", lead("No station drifts, and no lot differs.") + paragraph(tested)
+        )
     rows = [
         (f"{one.kind} {one.place}", one.quantity, number(one.change), number(one.error, 2),
          in_print(found.fleet.units[one.quantity]) + (" a day" if one.kind == "station" else ""), f"{one.p:.1e}",

@@ -117,18 +117,20 @@ class Statistics:
                 found.setdefault(one.place, one)
         return list(found.values())
 
-    def _drifting(self, kind: str) -> list[tuple[str, str]]:
-        """Places and quantities; a sudden shift of a station, which has a slope, too, is no drift."""
+    @property
+    def moved(self) -> list[Drift]:
+        """The significant drifts; a sudden shift of a station, which has a slope, too, is none."""
         sudden = [("station", one.place, one.quantity) for one in self.shifts if one.sudden]
-        found = [one for one in self.drifts if one.kind == kind and one.significant]
-        return [(one.place, one.quantity) for one in found if (kind, one.place, one.quantity) not in sudden]
+        return [one for one in self.drifts if one.significant and (one.kind, one.place, one.quantity) not in sudden]
+
+    def _drifting(self, kind: str) -> list[tuple[str, str]]:
+        return [(one.place, one.quantity) for one in self.moved if one.kind == kind]
 
     @property
     def quiet(self) -> bool:
         """Whether nothing needs attention: all units judged and within, no drift, shift, odd unit or signal."""
-        moved = any(one.significant for one in self.drifts)
         refused = self.passes.outside + self.passes.unjudged + len(self.fleet.later) > 0
-        return not (self.beyond or moved or self.shifts or self.odd or refused)
+        return not (self.beyond or self.moved or self.shifts or self.odd or refused)
 
     @property
     def charted(self) -> bool:
