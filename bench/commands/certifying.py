@@ -28,6 +28,8 @@ class CertificateOptions:
     equipment: Path | None = None
     laboratory: Path | None = None
     issued: str | None = None
+    give: str = deliver.FILES
+    """How papers that are missing are given (`deliver.lacking`)."""
     draft: bool = False
     """Print it even where laboratory, signatory, equipment or a due date is missing, with that across each page."""
     amends: str | None = None
@@ -54,7 +56,7 @@ class Desk:
         papers = Papers.of_files(options.laboratory, options.equipment).over(Papers.of_run(folder))
         laboratory = None if papers.laboratory is None else deliver.load_laboratory(papers.laboratory)
         equipment = () if papers.equipment is None else deliver.load_instruments(papers.equipment)
-        lacks = tuple(deliver.lacking(papers.laboratory, papers.equipment, folder))
+        lacks = tuple(deliver.lacking(papers.laboratory, papers.equipment, folder, options.give))
         return cls(laboratory, equipment, lacks, issued_on(options.issued))
 
 

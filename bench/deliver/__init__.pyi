@@ -6,6 +6,7 @@ from .certificate.checking import check_certificate as check_certificate
 from .certificate.dcc import dcc_xml as dcc_xml
 from .certificate.evidence import gather as gather
 from .certificate.figures import figures as figures
+from .certificate.formalities import FILES as FILES
 from .certificate.formalities import Lack as Lack
 from .certificate.formalities import lacking as lacking
 from .certificate.imu import imu_dcc as imu_dcc

@@ -80,7 +80,8 @@ def test_a_run_is_replayed_and_what_was_altered_is_named(bench, short_run):
 def test_a_certificate_is_refused_by_a_sentence_and_a_draft_is_printed(bench):
     client, run, folder = bench
     refused = done(client, f"{run}/certificate")
-    assert "laboratory" in refused
+    lacks = "no laboratory and no signatory; fill in the page 'Laboratory and equipment'; a draft can be printed"
+    assert lacks in refused, "no file and no option of a command"
     assert str(folder) not in refused
     draft = done(client, f"{run}/certificate", draft=True)
     assert (draft["draft"], draft["file"]) == (True, "draft.pdf")

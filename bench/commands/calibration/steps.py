@@ -40,7 +40,10 @@ if TYPE_CHECKING:
 
 IMPROVED = "model-improved.yaml"
 """The model that the walk of `improve` ended with, in the run folder."""
-_PLACE = "in the plan or the station file (`{kind}:`), or fill in the page 'Laboratory and equipment'"
+_GIVE = (
+    "give a file with {content} in the plan or the station file (`{kind}:`), or fill in the page 'Laboratory and "
+    "equipment'"
+)
 
 
 class Step(Protocol):
@@ -115,7 +118,7 @@ def check_papers(order: Order, station: StationSettings) -> list[str]:
     warnings = []
     if order.plan.certificate:
         deliver.require_typst()
-        for lack in lacking(papers.laboratory, papers.equipment, order.path, _PLACE):
+        for lack in lacking(papers.laboratory, papers.equipment, order.path, _GIVE):
             raise lack.error("a plan with `certificate: false` calibrates without one")
         if not station.simulated and deliver.signer_of(None, None, False) is None:
             warnings.append("the certificate will not be signed: this bench has no key of the laboratory")

@@ -9,6 +9,8 @@ from pathlib import Path
 from bench.base import Document, InputError
 from bench.deliver.certificate.laboratory import load_instruments, load_laboratory
 
+FILES = "give a file with {content} with --{kind}, or name it in the station file (`{kind}:`)"
+"""How papers that are missing are given to a command."""
 _SIGNATORY = "`authorised_by: {name: A. Example, function: head of laboratory}`"
 
 
@@ -31,22 +33,23 @@ def lacking(
     laboratory: Document | None,
     equipment: Document | None,
     run: Path,
-    place: str = "with --{kind}, or name it in the station file (`{kind}:`)",
+    give: str = FILES,
 ) -> tuple[Lack, ...]:
     """Everything that is missing, in the order of the certificate; InputError where a file is wrong.
 
-    `place`: where a file that is missing is named, with its `kind`.
+    `give`: how a file that is missing is given, with its `content` and `kind`.
     """
     found = [
-        *_laboratory(laboratory, run, place.format(kind="laboratory")),
-        *_equipment(equipment, run, place.format(kind="equipment")),
+        *_laboratory(laboratory, run, give),
+        *_equipment(equipment, run, give),
     ]
     return tuple(_unsealed(lack, run) for lack in found)
 
 
-def _laboratory(document: Document | None, run: Path, place: str) -> Iterator[Lack]:
+def _laboratory(document: Document | None, run: Path, give: str) -> Iterator[Lack]:
     if document is None:
-        todo = f"give a file with `laboratory: {{name: …, address: …}}` and {_SIGNATORY} {place}"
+        content = f"`laboratory: {{name: …, address: …}}` and {_SIGNATORY}"
+        todo = give.format(content=content, kind="laboratory")
         yield Lack("no laboratory and no signatory", todo, str(run))
         return
     known = load_laboratory(document)
@@ -58,9 +61,9 @@ def _laboratory(document: Document | None, run: Path, place: str) -> Iterator[La
         yield Lack("no signatory", "fill in the name", document.file, document.line(("authorised_by", "name")))
 
 
-def _equipment(document: Document | None, run: Path, place: str) -> Iterator[Lack]:
+def _equipment(document: Document | None, run: Path, give: str) -> Iterator[Lack]:
     if document is None:
-        todo = f"give a file with every instrument that the results are traced to {place}"
+        todo = give.format(content="every instrument that the results are traced to", kind="equipment")
         yield Lack("no equipment", todo, str(run))
         return
     for i, tool in enumerate(load_instruments(document)):

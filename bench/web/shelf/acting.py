@@ -39,6 +39,7 @@ from drivers.errors import DriverError
 LISTEN_S = 2.0
 """How long doctor listens to each bus, as the command does [s]."""
 STATION_FILE = "station.yaml"
+_GIVE = "fill in the page 'Laboratory and equipment'"
 T = TypeVar("T")
 
 
@@ -88,7 +89,7 @@ def certified(wanted: Mapping[str, Any]) -> dict[str, Any]:
     laboratory, equipment = (_paper(kind, wanted, whole) for kind in PAPERS)
     # The newest states the figures; the verification of a whole unit stands in its folder.
     evidence = () if whole != folder else tuple(reversed(verifications_of(folder)))
-    options = CertificateOptions(evidence, laboratory=laboratory, equipment=equipment, draft=draft)
+    options = CertificateOptions(evidence, laboratory=laboratory, equipment=equipment, give=_GIVE, draft=draft)
     issue = certify if whole == folder else imu_certificate
     made = _told(wanted, lambda: issue(whole, options, None))
     told = {key: made.facts.get(key) for key in ("number", "verdict", "signer")}
