@@ -159,13 +159,17 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
 
 @pytest.mark.parametrize(
     ("language", "told_of"),
-    [("en", ["3.0 s", "65,320 MB", "0.6\xa0°C/min"]), ("uk", ["3,0 с", "65\xa0320 МБ", "0,6\xa0°C/хв"])],
+    [
+        ("en", ["3.0 s", "65,320 MB", "0.6\xa0°C/min", "23.4 °C"]),
+        ("uk", ["3,0 с", "65\xa0320 МБ", "0,6\xa0°C/хв", "23,4 °C"]),
+    ],
 )
 def test_the_value_of_a_guard_has_the_unit_of_the_language(language: str, told_of: list[str]) -> None:
     guards = [
         {"signal": "frame_age", "value": 3.0},
         {"signal": "disk_free_mb", "value": 65320.0},
         {"signal": "chamber_temperature", "value": 25.0, "per_min": 0.6},
+        {"signal": "unit_coldest", "value": 23.4},
     ]
     assert spoken("pages/live/words.js", "valueOf", guards, language) == told_of
 

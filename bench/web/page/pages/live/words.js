@@ -30,7 +30,7 @@ export const serials = (run) => (run.units?.length ? run.units.map((unit) => uni
 
 const UNITS = {
   chamber_temperature: "degC", unit_temperature: "degC", sensor_disagreement: "degC", frame_age: "s", disk_free_mb: "MB",
-  power: "%", frozen_s: "s", chamber_silent_s: "s", bus_failed_s: "s",
+  unit_coldest: "degC", unit_excess: "K", setpoint_excess: "K", unit_doubted_s: "s", power: "%", frozen_s: "s", chamber_silent_s: "s", bus_failed_s: "s",
 };
 
 /** The value of a guard with the unit of the language; empty where the light says all. */
