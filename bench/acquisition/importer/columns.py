@@ -167,12 +167,13 @@ class Mapped:
 class UnclearColumnError(InputError):
     """Neither the column map nor a header says which columns or units are meant; `problem` says so without the advice.
 
-    `unclear` are problems, each with its advice.
+    `unclear` are problems, each with its advice; `columns` those that are clear by channel, whatever their units.
     """
 
-    def __init__(self, unclear: Sequence[tuple[str, str]], table: Table) -> None:
+    def __init__(self, unclear: Sequence[tuple[str, str]], table: Table, columns: Mapping[str, str]) -> None:
         super().__init__("; ".join(chain.from_iterable(unclear)), table.path)
         self.problem = "; ".join(problem for problem, _ in unclear)
+        self.columns = columns
 
 
 Unclear = dict[str, tuple[str, str]]
@@ -214,7 +215,8 @@ def find_columns(table: Table, columns: ColumnMap) -> tuple[TimeSource, dict[str
         other = " or `time: {rate_hz: …}`" if missing[0] == "time" else ""
         unclear[missing[0]] = (f"no column is {' or '.join(missing)}; {_has(table)}", advice + other)
     if unclear or source is None:
-        raise UnclearColumnError([*unclear.values()], table)
+        columns_of = {channel: one.column for channel, one in found.items()}
+        raise UnclearColumnError([*unclear.values()], table, columns_of)
     return source, found
 
 

@@ -29,19 +29,20 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
     from bench.base import InputError
 
     table = _table(wanted)
-    understood, figure, problem = None, None, None
+    understood, figure, problem, known = None, None, None, guess(table)
     try:
         plan = plan_table(table, _columns(wanted), wanted["serial"])
         understood, figure = _understood(plan), _figure(plan)
     except UnclearColumnError as error:  # the page has fields for what a column map says
         problem = shortened(f"{error.problem}; choose it below")
+        known |= error.columns
     except InputError as error:
         problem = shortened(str(error))
     return {
         "rows": table.rows,
         "columns": [_column(table, name) for name in list(table.columns)[:MOST_COLUMNS]],
         "left_out": max(0, len(table.columns) - MOST_COLUMNS),
-        "guess": guess(table),
+        "guess": known,
         "understood": understood,
         "problem": problem,
         "figure": figure,
