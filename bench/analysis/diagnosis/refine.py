@@ -21,7 +21,7 @@ from bench.analysis.diagnosis.candidates import (
 )
 from bench.analysis.diagnosis.descent import descend
 from bench.analysis.noise.likelihood import STEPS, NoiseLattice, Point, Surface, beside, gls, spanned
-from bench.analysis.noise.probability import CHI2_95
+from bench.analysis.noise.probability import CHI2_95, JUMP_95
 from bench.analysis.noise.whitening import Whitener
 from bench.base import BoolArray, FloatArray
 
@@ -255,7 +255,8 @@ class Refiner:
         lowest = function(best)
         for number, parameter in enumerate(candidate.parameters):
             rise = partial(_rise, function, best, number, lowest)
-            ends = np.array([_crossing(rise, float(best[number]), end) for end in (0.0, 1.0)])
+            level = JUMP_95 if parameter.jump else CHI2_95
+            ends = np.array([_crossing(rise, float(best[number]), end, level) for end in (0.0, 1.0)])
             low, high = from_unit(parameter, ends).tolist()
             by_name[parameter.name] = Interval(theta[number], low, high, parameter.unit)
         return by_name
@@ -314,15 +315,15 @@ def _moved(best: FloatArray, index: int, value: float) -> FloatArray:
     return changed
 
 
-def _crossing(rise: Callable[[float], float], best: float, end: float) -> float:
-    """Where the rise passes 3.84 on the way from the best to the end of the range; doubling steps, then bisection."""
+def _crossing(rise: Callable[[float], float], best: float, end: float, level: float) -> float:
+    """Where the rise passes a level between the best and the end of the range; doubling steps, then bisection."""
     step, inside = 0.002, best
     while True:
         outside = best + np.sign(end - best) * step
         if (end - outside) * (end - best) <= 0.0:
             outside = end
-        if rise(outside) >= CHI2_95:
-            return float(scipy.optimize.brentq(lambda u: rise(u) - CHI2_95, inside, outside, xtol=1e-4, maxiter=60))
+        if rise(outside) >= level:
+            return float(scipy.optimize.brentq(lambda u: rise(u) - level, inside, outside, xtol=1e-4, maxiter=60))
         if outside == end:
             return end
         inside, step = outside, 2.0 * step

@@ -21,7 +21,15 @@ from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
 from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
-from bench.analysis.thresholds import FORMULA_EVIDENCE, FURTHER_EVIDENCE, FURTHER_SLOW, PROVED_FALL, TIE
+from bench.analysis.thresholds import (
+    FORMULA_EVIDENCE,
+    FURTHER_EVIDENCE,
+    FURTHER_LEAST,
+    FURTHER_SHARE,
+    FURTHER_SLOW,
+    PROVED_FALL,
+    TIE,
+)
 from bench.record import Dataset
 
 MOST_EFFECTS = 3
@@ -143,7 +151,7 @@ class Search:
         """The best effect, the best beside it, and so on while it beats chance."""
         steps: list[FoundEffect] = []
         while len(steps) < MOST_EFFECTS:
-            best = self._next(layout, evidence, len(steps))
+            best = self._next(layout, evidence, steps)
             if best is None:
                 break
             steps.append(best)
@@ -157,20 +165,22 @@ class Search:
         for one in evidence.each_once()[:_HIDING]:
             first = FoundEffect(layout, evidence, one, self.offer.effects[one.name])
             beside = with_found(layout, (first,))
-            second = self._next(beside, self.weigh(beside), 1)
+            second = self._next(beside, self.weigh(beside), (first,))
             if second is not None:
                 pairs.append((one.evidence + second.suspect.evidence, (first, second)))
         total, best = max(pairs, key=lambda pair: pair[0], default=(0.0, ()))
         return best if total > self.threshold + FURTHER_EVIDENCE else ()
 
-    def _next(self, layout: Layout, evidence: Evidence, others: int, dropped: Sequence[str] = ()) -> FoundEffect | None:
+    def _next(
+        self, layout: Layout, evidence: Evidence, others: Sequence[FoundEffect], dropped: Sequence[str] = ()
+    ) -> FoundEffect | None:
         """The effect that beats chance beside `others`, by the run or by the run and the check runs together.
 
         Beside others unseen data must not contradict it: of two effects that the run cannot tell apart one may make up
         for what the other does too much.
         """
         near = [one for one in evidence.each_once() if not (others and one.effect in dropped)][:_LEADERS]
-        bar = max(self.threshold, self._further(near[0])) if near and others else self.threshold
+        bar = max(self.threshold, self._further(near[0], others)) if near and others else self.threshold
         alike: tuple[str, ...] = ()
         enough = [one for one in near if one.evidence > bar]
         if others:
@@ -200,10 +210,18 @@ class Search:
         most = max(own for _, own in rivals)
         return next(one for one, own in rivals if own > most - RULED_OUT)
 
-    def _further(self, suspect: Suspect) -> float:
-        """Evidence that it needs beside others."""
+    def _further(self, suspect: Suspect, others: Sequence[FoundEffect]) -> float:
+        """Evidence that it needs beside others: what their equations leave is a share of what they explain.
+
+        What begins at a place, such as a jump, describes a part of any such rest.
+        """
         effect = self.offer.effects[suspect.name]
-        return FURTHER_EVIDENCE if effect.needs or effect.parameters or effect.moves_abscissa else FURTHER_SLOW
+        if not (effect.needs or effect.parameters or effect.moves_abscissa):
+            return FURTHER_SLOW
+        if any(parameter.change_point for parameter in effect.parameters):
+            return FURTHER_EVIDENCE
+        left = FURTHER_SHARE * sum(other.suspect.evidence for other in others)
+        return min(max(left, FURTHER_LEAST), FURTHER_EVIDENCE)
 
     def _borne(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[Suspect]:
         """The leaders of which the run and the check runs together tell enough, and no other one more."""
@@ -250,7 +268,7 @@ class Search:
         """The effects with what is best in the place of one of them; `dropped` gains it where nothing is needed."""
         others = [s for s in current if s is not step]
         without = with_found(layout, others)
-        best = self._next(without, self.weigh(without), len(others), dropped)
+        best = self._next(without, self.weigh(without), others, dropped)
         if best is None:
             dropped.append(step.suspect.effect)
             return others

@@ -43,6 +43,8 @@ class Parameter:
     meaning: str = ""
     change_point: bool = False
     """A place in time or temperature where something begins: chance finds one easily, so rankings charge one more."""
+    jump: bool = False
+    """Whether the effect jumps there: its interval is then wider than the curvature of the likelihood says."""
 
     def on_bound(self, value: float) -> bool:
         """Whether a search ended at an end of the range, to a thousandth of it: the data do not determine the value."""

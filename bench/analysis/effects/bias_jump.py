@@ -46,7 +46,8 @@ class BiasJump(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         """Time of the jump, anywhere in the record."""
         low, high = self.span_h
-        return (Parameter("at_h", "h", low, high, 0.5 * (low + high), meaning="time of the jump", change_point=True),)
+        middle, meaning = 0.5 * (low + high), "time of the jump"
+        return (Parameter("at_h", "h", low, high, middle, meaning=meaning, change_point=True, jump=True),)
 
     def suited(self, records: Sequence[Dataset]) -> BiasJump:
         """The time within the record, two rows from its ends."""

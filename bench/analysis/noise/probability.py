@@ -15,6 +15,10 @@ from bench.base import FloatArray
 CHI2_95 = 3.841458820694124
 """`chi2_quantile(0.95, 1)`; written out, so that nothing has to import `scipy.special` to be there."""
 
+JUMP_95 = 7.352
+"""The same for the place of a jump, of which the likelihood falls on either side as a random walk does:
+-2 ln(1 - sqrt(0.95)). Source: B. E. Hansen, Econometrica 68 (2000) 575."""
+
 _TWO_DEVIATIONS = 0.9545
 """How often one normal variable stays within two standard deviations."""
 
