@@ -152,10 +152,11 @@ def test_a_slow_effect_that_the_run_alone_cannot_tell_is_named_where_the_check_r
 
 
 @pytest.mark.slow
-def test_ageing_is_named_beside_another_effect():
-    unit = cases.case(("thermal_lag", "aging"), 1.0, 10_003, cases.TWO_RATES, MODEL)
+@pytest.mark.parametrize(("slow", "other", "number"), [("aging", "thermal_lag", 10_003), ("creep", "frost", 210_029)])
+def test_a_slow_effect_is_named_beside_another_one(slow, other, number):
+    unit = cases.case(tuple(sorted((slow, other))), 1.0, number, cases.TWO_RATES, MODEL)
     answer = diagnose([unit.run(cases.TWO_RATES)], MODEL, static=unit.quiet(cases.STATIC, 4))
-    assert [suspect.effect for suspect in answer.found] == ["thermal_lag", "aging"]
+    assert [suspect.effect for suspect in answer.found] == [other, slow]
 
 
 @pytest.mark.slow
