@@ -88,7 +88,7 @@ class Block:
         return self._with("memory_s", times_within(length_s), tried, text, words)
 
     def bent(self) -> list[Block]:
-        """The block through what is no straight line, if it has a size: limits, a dead zone, play."""
+        """The block through what is no straight line, if it has a size: limits, a dead zone, play, a switch."""
         if not self.most:
             return []
         ends, tried = (0.01 * self.most, 2.0 * self.most), tuple(share * self.most for share in (0.1, 0.3, 0.6))
@@ -97,6 +97,13 @@ class Block:
             self._with("limit", ends, tried, f"tanh({self.text}/{{limit}})", f"{self.words}, limited"),
             self._with("zone", inner, tried, f"dead_zone({self.text}, {{zone}})", f"{self.words} outside a dead zone"),
             self._with("width", inner, tried, f"play({self.text}, {{width}})", f"{self.words} with play"),
+            self._with(
+                "level",
+                inner,
+                tried,
+                f"latch({self.text}, {{level}}, -{{level}})",
+                f"a state that {self.words} switches one way and back",
+            ),
         ]
 
     def raised(self) -> Block:
@@ -120,7 +127,7 @@ class Block:
     def _with(self, name: str, ends: Bounds, tried: Sequence[float], text: str, words: str) -> Block:
         """One parameter more; what is made of it grows no further."""
         grid = tuple((*own, value) for own in self.grid for value in tried)
-        unit = "" if name in {"power", "limit"} else self.unit
+        unit = "" if name in {"power", "limit", "level"} else self.unit
         return replace(
             self, text=text, words=words, unit=unit, bounds=(*self.bounds, (name, ends)), grid=grid, looser=None,
             drives=False,
