@@ -37,7 +37,7 @@ FURTHER_SHARE = 0.05
 """Share of the evidence of the others that a second effect needs. Beside one effect whose truth has another equation
 (a lag of two nodes, a loop after Preisach) others reached 4 % of its evidence at most in 64 simulated units …"""
 FURTHER_LEAST = 6.0
-"""… and 5.6 at most beside two, in 85 simulated units."""
+"""… and 5.6 at most beside two, in 85 simulated units; what begins at a place more."""
 FURTHER_SLOW = 5.0
 """The same of a line in time, ageing: what is left of other equations follows the temperature and does not resemble it.
 Beside one other effect it reached 3.9 at most in 93 simulated units without ageing."""

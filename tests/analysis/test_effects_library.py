@@ -198,6 +198,19 @@ def test_frost_shows_on_heating_after_it_was_cold_and_only_then():
     assert not columns("frost", dry, at_degc=1.0, width_degc=3.0).any()
 
 
+def test_frost_that_melts_begins_suddenly_and_is_largest_a_width_further_up():
+    data = triangle(250.0, low=-40.0, high=40.0)
+    theta = {"at_degc": 1.0, "width_degc": 3.0}
+    melt = effects.make("frost", {"shape": "melt"}).columns(data, theta)[:, 0]
+    temperature = data.channel("temperature")
+    rising = np.gradient(temperature) > 0
+    assert temperature[rising][np.argmax(melt[rising])] == pytest.approx(4.0, abs=0.5)
+    assert melt.max() == pytest.approx(1.0, abs=0.02)
+    assert not melt[~rising | (temperature < 1.0)].any()
+    dry = triangle(250.0, low=1.5, high=40.0)
+    assert not effects.make("frost", {"shape": "melt"}).columns(dry, theta).any()
+
+
 def test_channel_effects_are_products_of_their_channels():
     data = example()
     q, t, a, v = (data.channel(name) for name in ("quadrature", "temperature", "drive", "supply"))

@@ -503,10 +503,10 @@ def test_terms_of_one_formula_have_the_sizes_that_they_have_together(quiet):
 @pytest.mark.slow
 def test_a_product_of_many_factors_does_not_take_the_place_of_an_effect():
     """Each factor more is one of many that were tried, which the formula pays for."""
-    frost = cases.case(("frost",), 1.0, 3, outside.RUN, MODEL)
+    frost = cases.case(("frost",), 3.0, 1, outside.RUN, MODEL)
     answer = diagnose([frost.run(outside.RUN)], MODEL, static=frost.quiet(cases.STATIC, 4))
-    assert answer.verdict == "missing_effect", answer.sentence
-    assert answer.found[0].effect == "frost"
+    assert (answer.verdict, answer.proved) == ("missing_effect", True), answer.sentence
+    assert [suspect.effect for suspect in answer.found] == ["frost"]
 
 
 @pytest.mark.slow
