@@ -106,7 +106,7 @@ def _alike(suspect: SuspectedEffect) -> list[str]:
 
 
 def _further(answer: Diagnosis) -> list[str]:
-    several = "Where several effects are missing, about four of five diagnoses name all of them: prove each one."
+    several = "Where several effects are missing, about nine of ten diagnoses name all of them: prove each one."
     rest = [f"A small misfit remains {_where(place)}." for place in answer.unexplained[:1]]
     return [*([several] if len(answer.found) > 1 else []), *rest]
 
