@@ -275,6 +275,7 @@ def test_an_abort_in_mid_ramp_ends_in_the_safe_state_and_says_who(guarded, visit
     kinds = [event["kind"] for event in events]
     assert kinds.index("request") < kinds.index("safe_state") < kinds.index("end")
     assert events[kinds.index("request")]["who"] == asked["who"]
+    assert page.locator(".verdict-ways .primary").all_inner_texts() == ["Repeat"], "as the next step says"
     page.get_by_role("link", name="Repeat").click()
     judged = page.get_by_label("Judge by these limits")
     judged.wait_for()

@@ -8,7 +8,7 @@ import { may, useOutcome } from "../lib/store.js";
 import { asGiven, joined, moment, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runName } from "../lib/names.js";
 import { GoOn } from "./live/resume.js";
-import { achieved, advice } from "./verdict/advice.js";
+import { achieved, advice, again, stands } from "./verdict/advice.js";
 import { judged, margin, outcomeWord, toneOf, worstFirst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
 
@@ -83,7 +83,7 @@ export default function Verdict({ params }) {
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
         ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : steps.map(([step, some]) => html`<p key=${step}>${named(some)}${t(step, { n: some.length })}</p>`)}
         ${!fault && !end.analysing && units.some(({ analysed }) => !analysed) && may("operator") && html`<${Analyse} units=${units} again=${run?.again} />`}</section>
-      <${Ways} units=${units} run=${run} reported=${answer?.report !== false} />
+      <${Ways} units=${units} run=${run} reported=${answer?.report !== false} step=${steps[0][0]} />
       ${units.filter(({ run: other }) => other !== shown.run && answers[other]?.limits).map((unit) => html`<${Reasons} key=${unit.unit} limits=${answers[unit.run].limits} kind=${kindOf(answers[unit.run])} of=${unit.unit} />`)}
     </div>
   </article>`;
@@ -222,12 +222,15 @@ function repeat(run) {
   return `/start?${new URLSearchParams({ unit: units.join(","), station, plan, ...(run.again ? { limits: limits ?? "", models: models.join(",") } : {}) })}`;
 }
 
-function Ways({ units, run, reported }) {
+function Ways({ units, run, reported, step }) {
   const one = units[0];
   const written = one.analysed && one.run;
+  const repeats = may("operator") && run?.runs && !run.job;
+  const repeated = repeats && again(step); // the main button does what the next step says
   return html`<div class="verdict-ways">
-    ${may("operator") && html`<a class="button primary" href="/">${t("verdict.next_unit", { n: units.length })}</a>`}
-    ${may("operator") && run?.runs && !run.job && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
+    ${repeated && html`<a class="button primary" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
+    ${may("operator") && html`<a class=${repeated || stands(step) ? "button" : "button primary"} href="/">${t("verdict.next_unit", { n: units.length })}</a>`}
+    ${repeats && !repeated && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
     ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
     ${written && reported && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}
