@@ -126,7 +126,17 @@ def test_the_guards_of_every_run_leave_a_silent_chamber_to_its_link():
 def test_what_stands_behind_a_number_is_said():
     guards = Guards([guard(above=0.5, signal="alarm")])
     (trip,) = guards.evaluate({"alarm": Signal(1.0, 0.0, "alarm_1: latched")}, 0.0)
-    assert trip.text == "g: alarm = 1 is above 0.5: alarm_1: latched"
+    assert trip.text == "g: alarm: alarm_1: latched"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("door open", ["door open: yes", "door open: no"]), ("g", ["g: door open: yes", "g: door open: no"])],
+)
+def test_what_is_yes_or_no_is_told_without_numbers_and_once(name, said):
+    guards = Guards([guard(name=name, above=0.5, signal="door", release_delay_s=0.0)])
+    trips = [trip.text for t_s in (0.0, 1.0) for trip in guards.evaluate({"door": Signal(1.0 - t_s, t_s)}, t_s)]
+    assert trips == said
 
 
 def test_guards_in_force_are_listed_for_each_action():

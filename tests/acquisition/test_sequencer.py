@@ -217,7 +217,7 @@ def test_a_chamber_that_changed_while_it_was_away_is_an_override():
     bench = FakeBench(OVERRIDE, link=LINK)
     bench.chamber.faults[50, 52] = LinkError("no answer")
     bench.chamber.odd = ["mode is manual, the bench commanded auto"]
-    with pytest.raises(RunAborted, match=r"operator override: override = 1 is above 0\.5: mode is manual"):
+    with pytest.raises(RunAborted, match="operator override: mode is manual"):
         bench.go(RAMP)
 
 
@@ -262,7 +262,7 @@ def test_a_reading_that_cannot_be_true_reaches_the_runner():
 @pytest.mark.parametrize(
     ("what", "value", "said", "at_s"),
     [
-        ("panel", 60.0, r"override = 1 .*: set point is 60 degC, the bench commanded 33", 54.0),
+        ("panel", 60.0, r"override: set point is 60 degC, the bench commanded 33", 54.0),
         ("on", False, "the chamber has been off for 14 s although the run is on", 65.0),
     ],
 )

@@ -144,6 +144,10 @@ SAMPLES = [
     ("the run is not complete: aborted (aborted by guard: unit silent: age of the newest frame = 5.002 s is "
      "above 5 s), 1 of its segments failed", "zh",
      "试验不完整：已中止（由保护项中止：产品无应答：距最后一帧的时间 = 5.002秒，高于5秒），1段失败"),
+    ("aborted by guard: sensor break: yes", "uk", "перервано захистом: обрив датчика: так"),
+    ("aborted by guard: operator override: set point is 60 degC, the bench commanded 33", "zh",
+     "由保护项中止：设定值被人改动：设定值为60 °C，试验台下达的是33"),
+    ("g: door open: no", "zh", "g：箱门打开：否"),
     ("units[0].bus: bus 'can9' is not in this station; known: can0, can1", "uk",
      "units[0].bus: шини 'can9' немає в цьому стенді; відомі: can0, can1"),
     ("units[1]: GX-2 and GX-1 are both number 0 on can0", "uk",

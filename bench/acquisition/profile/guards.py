@@ -72,6 +72,7 @@ WORDS: Mapping[str, tuple[str, str]] = {
     "unit_doubted_s": ("time without a believed unit temperature", "s"),
     "setpoint_excess": ("distance of the air from its set point", "K"),
     "display_degf": ("display in degF", ""),
+    "door": ("door open", ""),
     "sensor_disagreement": ("distance of the sensors", "K"),
     "frame_age": ("age of the newest frame", "s"),
     "disk_free_mb": ("free space of the disk", "MB"),
@@ -81,6 +82,8 @@ WORDS: Mapping[str, tuple[str, str]] = {
     "bus_failed_s": ("failure of the bus", "s"),
 }
 """Signals in words, and their units; that of another is its name, without underscores, and the unit of its channel."""
+YES_NO: frozenset[str] = frozenset({"display_degf", "alarm", "door", "sensor_break", "override"})
+"""Signals that are 0 or 1."""
 Seconds = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -131,6 +134,13 @@ class GuardSettings(BaseModel):
     def valued(self, value: float) -> str:
         """A value of the signal with its unit."""
         return f"{value:.6g} {self._words[1]}".rstrip()
+
+    def answered(self, signal: Signal) -> str | None:
+        """A signal that is yes or no in words, without what the guard's name says already; None: it is a number."""
+        if self.signal not in YES_NO:
+            return None
+        answer = signal.detail or ("yes" if signal.value else "no")
+        return answer if self.watched in self.name else f"{self.watched}: {answer}"
 
     @property
     def _words(self) -> tuple[str, str]:
@@ -282,8 +292,8 @@ class _Guard:
             return None
         self.tripped = False
         rule = self.settings
-        text = f"{rule.name}: {rule.watched} = {rule.valued(signal.value)} is inside its limits again"
-        return Trip(rule, False, now_s, text)
+        inside = f"{rule.watched} = {rule.valued(signal.value)} is inside its limits again"
+        return Trip(rule, False, now_s, f"{rule.name}: {rule.answered(signal) or inside}")
 
     def _silent(self, signal: Signal | None, now_s: float) -> str | None:
         rule = self.settings
@@ -298,10 +308,11 @@ class _Guard:
         above = rule.release_below if self.tripped and rule.release_below is not None else rule.above
         below = rule.release_above if self.tripped and rule.release_above is not None else rule.below
         rate = self._rate_per_min(signal) if rule.rate_per_min is not None else 0.0
+        says = f"{rule.watched} = {rule.valued(signal.value)}"
         if above is not None and signal.value > above:
-            return f"{rule.watched} = {rule.valued(signal.value)} is above {rule.valued(above)}{_because(signal)}"
+            return rule.answered(signal) or f"{says} is above {rule.valued(above)}{_because(signal)}"
         if below is not None and signal.value < below:
-            return f"{rule.watched} = {rule.valued(signal.value)} is below {rule.valued(below)}{_because(signal)}"
+            return rule.answered(signal) or f"{says} is below {rule.valued(below)}{_because(signal)}"
         if rule.rate_per_min is not None and rate > rule.rate_per_min:
             return f"{rule.watched} changes by {rule.valued(rate)} per minute, {rule.valued(rule.rate_per_min)} allowed"
         return None
