@@ -8,7 +8,7 @@ import { may, useOutcome } from "../lib/store.js";
 import { asGiven, joined, moment, quantityWord, sig, sign, symbols, t } from "../lib/words.js";
 import { limitsName, planName, runName } from "../lib/names.js";
 import { GoOn } from "./live/resume.js";
-import { achieved, advice, again, stands } from "./verdict/advice.js";
+import { achieved, advice, repeats, stands } from "./verdict/advice.js";
 import { judged, margin, outcomeWord, toneOf, worstFirst } from "./verdict/judged.js";
 import { Said } from "../lib/said.js";
 
@@ -225,12 +225,12 @@ function repeat(run) {
 function Ways({ units, run, reported, step }) {
   const one = units[0];
   const written = one.analysed && one.run;
-  const repeats = may("operator") && run?.runs && !run.job;
-  const repeated = repeats && again(step); // the main button does what the next step says
+  const repeatable = may("operator") && run?.runs && !run.job;
+  const repeated = repeatable && repeats(step); // the main button does what the next step says
   return html`<div class="verdict-ways">
     ${repeated && html`<a class="button primary" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
     ${may("operator") && html`<a class=${repeated || stands(step) ? "button" : "button primary"} href="/">${t("verdict.next_unit", { n: units.length })}</a>`}
-    ${repeats && !repeated && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
+    ${repeatable && !repeated && html`<a class="button" href=${repeat(run)}>${t("verdict.repeat")}</a>`}
     ${run?.job && html`<a class="button" href=${`/calibrations/${run.job}`}>${t("live.of_calibration")}</a>`}
     <button type="button" onClick=${() => window.print()}>${t("verdict.print")}</button>
     ${written && reported && units.length === 1 && html`<a class="button" href=${`/api/v1/runs/${one.run}/report`} target="_blank" rel="noopener">${t("verdict.report")}</a>`}

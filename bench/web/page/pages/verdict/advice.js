@@ -10,7 +10,7 @@ const spoiled = ({ segments, losses }) =>
 export const achieved = ({ steps }) => ({ done: STEPS.filter((step) => steps[step]), missing: STEPS.filter((step) => !steps[step]) });
 
 /** Whether the next step, by its key, is the same run again; and whether nothing may start before an engineer came. */
-export const again = (step) => /\.(aborted|invalid|no_data|not_started|partial)\.next$/.test(step);
+export const repeats = (step) => /\.(aborted|invalid|no_data|not_started|partial)\.next$/.test(step);
 export const stands = (step) => /\.equipment_failed\./.test(step);
 
 /** Key of the words on what to do next: a unit goes on when its last step is done; a run is repeated where that can help. */
