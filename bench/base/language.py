@@ -49,8 +49,8 @@ def _catalogue() -> Mapping[str, Any]:
     """`words/told.json`: its sentences, and the rules by which a text is found among them.
 
     A place `{name}` of a sentence ends where the sentence does; `rules.places` has the pattern of each name that takes
-    another text; what stands at those of `rules.kept` stays as it is, and at those of `rules.own` all that is not of
-    this pattern. `rules.joints` is where a text of several
+    another text; what stands at those of `rules.kept` stays as it is, at those of `rules.own` all that is not of this
+    pattern, and at those of `rules.lists` all but what joins it. `rules.joints` is where a text of several
     sentences is cut, in this order, with what joins it in each language.
     """
     found: dict[str, Any] = json.loads((files("bench.base") / "words" / "told.json").read_text(encoding="utf-8"))
@@ -97,7 +97,7 @@ def _told(text: str, column: int) -> str | None:
         if match := pattern.fullmatch(text):
             given = match.groupdict()
             ours = ((name, value) for name, value in given.items() if not _peoples(name, value))
-            known = {name: one for name, value in ours if (one := _told(value, column))}
+            known = {name: one for name, value in ours if (one := _told_at(name, value, column))}
             if known or not given or re.search(r"[^\W_]", re.sub(r"\{\w+\}", "", own[column])):
                 return own[column].format(**given | known)
     rules = _catalogue()["rules"]
@@ -107,6 +107,12 @@ def _told(text: str, column: int) -> str | None:
         if any(made):
             return str(own[column].join(one or part for one, part in zip(made, parts, strict=True)))
     return None
+
+
+def _told_at(name: str, value: str, column: int) -> str | None:
+    """What stands at a place: a list has the language's own joint, and no other change."""
+    joint, *own = _catalogue()["rules"]["lists"].get(name, [""])
+    return value.replace(joint, own[column]) if joint else _told(value, column)
 
 
 def _peoples(name: str, value: str) -> bool:

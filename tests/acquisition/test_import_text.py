@@ -224,8 +224,8 @@ def test_numbers_are_read_to_the_last_digit(tmp_path):
         ("time,gz,temp_C\n0,1,20\n1,1,20\n", "FILE: 'gz' does not say its unit"),
         ("sample,gx,gy,gz,temp_C\n0,1,1,1,20\n1,1,1,1,20\n",
          "FILE: 'sample' counts samples, and nothing says how long one takes; say it in a column map, "
-         "`time: {column: sample, interval_s: …}`; 'gx' does not say its unit, which may be deg/h, deg/s, mdps, rad/s; "
-         "say it in a column map, `rate_x: {column: gx, unit: …}`; 'gy' does not say its unit"),
+         "`time: {column: sample, interval_s: …}`; 'gx', 'gy', 'gz' do not say their units, which may be deg/h, deg/s, "
+         "mdps, rad/s; say them in a column map, `rate_x: {column: gx, unit: …}, rate_y: {column: gy, unit: …}, "),
         ("sample,rate,temperature\n0,1,20\n1,1,20\n", "FILE: 'sample' counts samples, and nothing says how long"),
         ("rate,temperature\n1,20\n1,20\n", "FILE: no column is time"),
         ("time,rate [Hz],temperature\n0,1,20\n1,1,20\n", "FILE: 'Hz' does not measure rate"),

@@ -566,6 +566,8 @@ def test_lists_and_clauses_of_a_chinese_text_have_its_own_signs() -> None:
     assert chinese[0] == f"缺少：热滞后{values}、预热{values}。"
     assert "Thermal lag from Creep, Aging." in english[2]
     assert spoken("lib/spoken.js", "labelled", ["bias, residual [deg/h]"]) == ["零偏，残差 [°/h]"]
+    channels = ["rate [deg/h]", "rate_x"]
+    assert spoken("lib/spoken.js", "labelled", channels) == ["角速率 [°/h]", "角速率 x"]
     step = {"name": "verify", "state": "done", "facts": {"rms_dph": 0.2, "over_floor": 1.5}, "verdict": "PASS"}
     assert not re.search("[,;()]", *spoken("pages/calibrations/words.js", "said", [step]))
 

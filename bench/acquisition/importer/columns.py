@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import chain, groupby
 from typing import Any
 
 from pydantic import BaseModel, Field, create_model, model_validator
@@ -164,20 +164,45 @@ class Mapped:
     """map, header, or assumed: where the unit comes from."""
 
 
+@dataclass
+class Unclear:
+    """What neither a column map nor a header says: by channel a problem and an advice, or a column without a unit."""
+
+    problems: dict[str, tuple[str, str]] = field(default_factory=dict)
+    without_unit: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> set[str]:
+        """Those whose column or unit nobody said."""
+        return {*self.problems, *self.without_unit}
+
+    def texts(self) -> Iterator[tuple[str, str]]:
+        """Each problem with its advice; columns that may have the same units are one."""
+        yield from self.problems.values()
+        for units, channels in groupby(self.without_unit, examples):
+            columns = {channel: self.without_unit[channel] for channel in channels}
+            some = len(columns) > 1
+            names = ", ".join(map(repr, columns.values()))
+            said = f"{names} do not say their units" if some else f"{names} does not say its unit"
+            sources = ", ".join(f"{channel}: {{column: {column}, unit: …}}" for channel, column in columns.items())
+            yield (
+                f"{said}, which may be {', '.join(units)}",
+                f"say {'them' if some else 'it'} in a column map, `{sources}`",
+            )
+
+
 class UnclearColumnError(InputError):
     """Neither the column map nor a header says which columns or units are meant; `problem` says so without the advice.
 
-    `unclear` are problems, each with its advice; `columns` those that are clear by channel, whatever their units.
+    `several`: more than one is to be chosen. `columns` are those that are clear by channel, whatever their units.
     """
 
-    def __init__(self, unclear: Sequence[tuple[str, str]], table: Table, columns: Mapping[str, str]) -> None:
-        super().__init__("; ".join(chain.from_iterable(unclear)), table.path)
-        self.problem = "; ".join(problem for problem, _ in unclear)
+    def __init__(self, unclear: Unclear, table: Table, columns: Mapping[str, str]) -> None:
+        texts = [*unclear.texts()]
+        super().__init__("; ".join(chain.from_iterable(texts)), table.path)
+        self.problem = "; ".join(problem for problem, _ in texts)
+        self.several = len(unclear.channels) > 1
         self.columns = columns
-
-
-Unclear = dict[str, tuple[str, str]]
-"""By channel a problem and an advice."""
 
 
 def split_header(name: str, stated: str | None = None) -> tuple[str, str | None]:
@@ -205,18 +230,19 @@ def find_columns(table: Table, columns: ColumnMap) -> tuple[TimeSource, dict[str
 
     Raises InputError with all that is unclear of what is needed.
     """
-    unclear: Unclear = {}
+    unclear = Unclear()
     source = _find_time(table, columns, unclear)
     found = _find_channels(table, columns, unclear)
     needed = (("time", ("time",)), ("rate", RATES), ("temperature", THERMOMETERS))
-    clear = {*found, *unclear, *(["time"] if source else [])}
+    clear = {*found, *unclear.channels, *(["time"] if source else [])}
     if missing := [channel for channel, some in needed if not {*some} & clear]:
         advice = f"name it in a column map, `{missing[0]}: {{column: …, unit: {examples(missing[0])[0]}}}`"
         other = " or `time: {rate_hz: …}`" if missing[0] == "time" else ""
-        unclear[missing[0]] = (f"no column is {' or '.join(missing)}; {_has(table)}", advice + other)
-    if unclear or source is None:
+        text = f"no column is {' or '.join(missing)}; {_has(table)}"
+        unclear.problems |= {missing[0]: (text, advice + other)}
+    if unclear.channels or source is None:
         columns_of = {channel: one.column for channel, one in found.items()}
-        raise UnclearColumnError([*unclear.values()], table, columns_of)
+        raise UnclearColumnError(unclear, table, columns_of)
     return source, found
 
 
@@ -234,7 +260,7 @@ def _find_channels(table: Table, columns: ColumnMap, unclear: Unclear) -> dict[s
             if CHANNELS[channel].required:
                 names = ", ".join(candidates)
                 advice = f"choose one in a column map, `{channel}: {{column: {candidates[0]}}}`"
-                unclear[channel] = (f"several columns could be {channel}: {names}", advice)
+                unclear.problems[channel] = (f"several columns could be {channel}: {names}", advice)
             continue
         found[channel] = _mapped(table, channel, ChannelSource(column=candidates[0]), unclear)
     return {channel: found[channel] for channel in IMPORTED if channel in found}
@@ -270,7 +296,7 @@ def _find_time(table: Table, columns: ColumnMap, unclear: Unclear) -> TimeSource
             _existing(table, "time", source.column)
             stated = source.unit or source.step_s or split_header(source.column, table.units.get(source.column))[1]
             if not stated and _word(source.column) in _COUNTERS:
-                unclear["time"] = _counter(source.column)
+                unclear.problems["time"] = _counter(source.column)
         return source
     candidates = _obvious(table, set()).get("time", [])
     if len(candidates) == 1:
@@ -278,11 +304,11 @@ def _find_time(table: Table, columns: ColumnMap, unclear: Unclear) -> TimeSource
         return TimeSource(column=candidates[0])
     if candidates:
         advice = f"choose one in a column map, `time: {{column: {candidates[0]}}}`"
-        unclear["time"] = (f"several columns could be time: {', '.join(candidates)}", advice)
+        unclear.problems["time"] = (f"several columns could be time: {', '.join(candidates)}", advice)
         return None
     counters = [name for name in table.columns if _word(name) in _COUNTERS]
     if counters:
-        unclear["time"] = _counter(counters[0])
+        unclear.problems["time"] = _counter(counters[0])
     return None
 
 
@@ -351,9 +377,7 @@ def _mapped(table: Table, channel: str, source: ChannelSource, unclear: Unclear)
     unit, how = source.unit or header, "column map" if source.unit else "header"
     if unit is None:
         if channel in OUTPUTS and source.column != channel:
-            problem = f"'{source.column}' does not say its unit, which may be {', '.join(examples(channel))}"
-            advice = f"say it in a column map, `{channel}: {{column: {source.column}, unit: …}}`"
-            unclear[channel] = (problem, advice)
+            unclear.without_unit[channel] = source.column
         unit, how = CHANNELS[channel].unit, "assumed"
     return Mapped(channel, source.column, unit, _convert(table, unit, channel), how)
 

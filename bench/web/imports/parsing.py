@@ -34,7 +34,7 @@ def preview(wanted: Mapping[str, Any]) -> dict[str, Any]:
         plan = plan_table(table, _columns(wanted), wanted["serial"])
         understood, figure = _understood(plan), _figure(plan)
     except UnclearColumnError as error:  # the page has fields for what a column map says
-        problem = shortened(f"{error.problem}; choose it below")
+        problem = shortened(f"{error.problem}; {'choose them below' if error.several else 'choose it below'}")
         known |= error.columns
     except InputError as error:
         problem = shortened(str(error))

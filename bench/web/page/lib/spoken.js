@@ -55,7 +55,8 @@ export const caption = ({ said, words }) => (said ? said.map(told).join(sign(" "
 export const labelled = (text) =>
   text.split("<br>").map((line) => line.split(", ").map((part) => {
     const [, name, unit] = part.match(NAMED);
-    const word = known(`figure.label.${name}`) ? t(`figure.label.${name}`) : UNNAMED.test(name) ? t("figure.label.model") : name;
+    const [, whose, axis] = name.match(/^(rate)_([xyz])$/) ?? [];
+    const word = axis ? `${labelled(whose)} ${axis}` : known(`figure.label.${name}`) ? t(`figure.label.${name}`) : UNNAMED.test(name) ? t("figure.label.model") : name;
     return unit ? `${word}${word && " "}[${symbols(unit)}]` : word;
   }).join(sign(", "))).join("<br>");
 

@@ -36,6 +36,12 @@ function plain(text, column) {
 /** Whether a person wrote what stands at a place. */
 const peoples = (name, value) => rules.kept.includes(name) || (name in rules.own && !whole(rules.own[name]).test(value));
 
+/** What stands at a place: a list has the language's own joint, and no other change. */
+function toldAt(name, value, column) {
+  const [joint, ...own] = rules.lists[name] ?? [];
+  return joint ? value.replaceAll(joint, own[column]) : tell(value, column);
+}
+
 function found(text, column) {
   if (Object.hasOwn(known, text)) return known[text][column]; // in a sentence a channel has no capital letter
   const own = plain(text, column);
@@ -45,7 +51,7 @@ function found(text, column) {
   for (const { regex, own: words } of sentences) {
     const match = text.match(regex);
     if (!match) continue;
-    const given = Object.entries(match.groups ?? {}).map(([name, value]) => [name, peoples(name, value) ? null : tell(value, column), value]);
+    const given = Object.entries(match.groups ?? {}).map(([name, value]) => [name, peoples(name, value) ? null : toldAt(name, value, column), value]);
     const values = Object.fromEntries(given.map(([name, one, value]) => [name, one ?? value]));
     // Words that are only the places say nothing where nothing at them is known.
     if (given.some(([, one]) => one !== null) || !given.length || /\p{L}|\d/u.test(words[column].replace(PLACE, ""))) return words[column].replace(PLACE, (_, name) => values[name]);
