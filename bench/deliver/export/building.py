@@ -30,7 +30,7 @@ from bench.deliver.export.delivery import (
 )
 from bench.deliver.export.exact import value_of
 from bench.deliver.export.inverse import over_output, static_over
-from bench.deliver.export.parts import Part, channels_of, parts_of
+from bench.deliver.export.parts import Part, UndeliverableError, channels_of, parts_of
 from bench.deliver.export.signals import box_of, channel_signal, lag_signal, parabola_signal, play_signal
 from bench.record import Dataset
 
@@ -77,7 +77,7 @@ def refuse_undeliverable(
     for effect in model.effects if effects is None else effects:
         if lacking := [name for name in effect.needs if channels is not None and name in {*INPUTS} - {*channels}]:
             why = f"this unit has no channel {', '.join(lacking)}"
-            raise InputError(f"{effect.name}: cannot be delivered: {why}; leave it out of the delivered model")
+            raise UndeliverableError(effect.name, why)
         if effect.moves_abscissa:
             if effect.name != "resonance_frequency" and (effect.name != "thermal_lag" or options_of(effect)):
                 raise InputError(
@@ -99,15 +99,19 @@ def undeliverable(model: Model, project: Path = Path(), channels: Collection[str
     """Why no unit, or none with these `channels`, can evaluate a model, with the named models that one can at rest;
     empty where one can.
     """
-    if why := unheld(model, channels=channels):
-        return f"{why}; models that a unit can hold: {', '.join(_deliverable(project, channels)) or 'none'}"
+    try:
+        refuse_undeliverable(model, channels=channels)
+    except InputError as error:
+        return f"{error}; models that a unit can hold: {', '.join(_deliverable(project, channels)) or 'none'}"
     return ""
 
 
-def unheld(model: Model, effects: Sequence[Effect] | None = None, channels: Collection[str] | None = None) -> str:
-    """Why no unit, or none with these `channels`, can evaluate these `effects` of a model; empty where one can."""
+def unheld(model: Model, effects: Sequence[Effect], channels: Collection[str]) -> str:
+    """Why no unit with these `channels` can evaluate these `effects` of a model; empty where one can."""
     try:
         refuse_undeliverable(model, effects, channels)
+    except UndeliverableError as error:
+        return error.why
     except InputError as error:
         return str(error)
     return ""
@@ -227,10 +231,8 @@ class _Builder:
             if off <= (_SAME if n == part.n else _EXACT) * most:
                 return
             self.blocks.pop()
-        raise InputError(
-            f"expression: cannot be delivered: the image is up to {off:.2g} deg/h from the terms of "
-            f"{', '.join(part.channels)}, which change too fast for it; leave it out of the delivered model"
-        )
+        terms = f"the terms of {', '.join(part.channels)}, which change too fast for it"
+        raise UndeliverableError("expression", f"the image is up to {off:.2g} deg/h from {terms}")
 
     def _loops(self, effect: Effect, theta: Theta, amplitudes: FloatArray) -> None:
         source = self.signal("temperature")

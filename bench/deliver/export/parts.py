@@ -41,6 +41,14 @@ def channels_of(effect: Effect) -> tuple[str, ...]:
     return effect.needs
 
 
+class UndeliverableError(InputError):
+    """No unit can evaluate an effect; `why` is the reason alone."""
+
+    def __init__(self, effect: str, why: str) -> None:
+        super().__init__(f"{effect}: cannot be delivered: {why}; leave it out of the delivered model")
+        self.why = why
+
+
 def parts_of(effect: Effect) -> tuple[Part, ...]:
     """Blocks whose sum is the effect; InputError for an effect without such blocks."""
     if isinstance(effect, Expression):
@@ -60,8 +68,8 @@ def parts_of(effect: Effect) -> tuple[Part, ...]:
         "bias_kink": (Part(Shape.SPLINE, temperature, _MOST_PIECES),),
     }
     if effect.name not in forms:
-        reason = _REASONS.get(effect.name, "a user-defined effect cannot be represented in the image")
-        raise InputError(f"{effect.name}: cannot be delivered: {reason}; leave it out of the delivered model")
+        reason = _REASONS.get(effect.name, "this effect cannot be represented in the image")
+        raise UndeliverableError(effect.name, reason)
     return forms[effect.name]
 
 
@@ -71,11 +79,8 @@ def _of_formula(effect: Expression) -> tuple[Part, ...]:
     for i, factor in enumerate(effect.parsed.factors):
         read = effect.parsed.read_by(factor)
         if len(read) > 2 or not set(read) <= set(_OF_A_MOMENT):
-            raise InputError(
-                f"expression: cannot be delivered: a unit evaluates terms of one or two of {', '.join(_OF_A_MOMENT)}, "
-                f"each at one moment, and '{ast.unparse(factor)}' needs {', '.join(read)}; leave it out of the "
-                "delivered model"
-            )
+            why = f"a unit evaluates terms of one or two of {', '.join(_OF_A_MOMENT)}, each at one moment, and "
+            raise UndeliverableError("expression", f"{why}'{ast.unparse(factor)}' needs {', '.join(read)}")
         terms.setdefault(read, []).append(i)
     forms = {1: (Shape.SPLINE, _MOST_PIECES), 2: (Shape.SURFACE, MOST_ORDER)}
     return tuple(Part(forms[len(read)][0], read, forms[len(read)][1], tuple(own)) for read, own in terms.items())
