@@ -152,6 +152,16 @@ SAMPLES = [
      "units[0].bus: шини 'can9' немає в цьому стенді; відомі: can0, can1"),
     ("units[1]: GX-2 and GX-1 are both number 0 on can0", "uk",
      "units[1]: GX-2 і GX-1 мають той самий номер 0 на can0"),
+    ("s.yaml:34: unknown key 'chambr'; did you mean 'chamber'?; known here: name, chamber, fixture", "zh",
+     "s.yaml:34：未知的键“chambr”；是否指“chamber”？；此处可用：name、chamber、fixture"),
+    ("buses.can0.interface: a simulated station runs on virtual or blocks, a real one never does; this one is on "
+     "'socketcan'", "zh", "buses.can0.interface：仿真工位使用virtual或blocks，真实工位从不使用；此处为'socketcan'"),
+    ("instruments[0]: instrument 'psu' of this station is real: it needs an address", "uk",
+     "instruments[0]: прилад 'psu' цього стенда справжній: йому потрібна адреса"),
+    ("watchdog.silent_s: silent_s is 5: a bench that waits for a chamber which does not answer is silent for up to 3 "
+     "times its timeout_s, 2; raise it", "uk",
+     "watchdog.silent_s: silent_s = 5: чекаючи на камеру, яка не відповідає, програма мовчить до 3 її timeout_s (2); "
+     "збільште його"),
     ("units[1].serial: serial number GX-1 stands twice", "zh", "units[1].serial：序列号GX-1出现两次"),
     ("ambient_degc: ambient_degc is 23, outside the chamber's -42 to 5 degC: there would be no safe state", "uk",
      "ambient_degc: ambient_degc = 23, а камера має від −42 до 5 °C: безпечного стану не було б"),
