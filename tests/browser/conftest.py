@@ -34,7 +34,9 @@ def chromium():
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=list(QUIET))
+        browser = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=list(QUIET), ignore_default_args=["--disable-back-forward-cache"]
+        )  # a page that was left may be kept, as in the browsers of users
         yield browser
         browser.close()
 

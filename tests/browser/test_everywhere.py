@@ -258,6 +258,16 @@ def test_a_run_that_was_cut_off_has_no_verdict_but_a_sentence_and_a_way_on(bench
     page.get_by_role("heading", name="CUT-1").wait_for()
 
 
+def test_a_page_that_was_left_holds_no_connection(bench, visitors):
+    """A browser has six of them for a server, and keeps pages that were left, for its button `Back`."""
+    page = visitors.come(bench.site.address)
+    for place in ("/live", "/calibrations", "/import", "/laboratory") * 2:
+        page.goto(place, timeout=20_000)
+        page.locator("h1").wait_for()
+    with page.expect_request("**/live/stream"):
+        page.go_back()
+
+
 def test_a_request_to_another_machine_would_be_noticed(bench, visitors):
     page = visitors.come(bench.site.address)
     page.goto("/")

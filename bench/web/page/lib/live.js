@@ -16,6 +16,10 @@ export const live = store({ connected: null, runs: [], ended: {}, heard_ms: 0 })
 /** Traces of live runs by their id; changed in place, so draw them when `live` changes. */
 export const traces = new Map();
 
+// Chromium keeps a page that is left, for its button `Back`, with its stream, even a closed one: of six connections to a
+// server none is left after six pages, and the next page waits. A page that listens to this event is not kept.
+addEventListener("unload", () => {});
+
 let users = 0;
 let source = null;
 let tries = 0;
