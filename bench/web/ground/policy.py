@@ -72,9 +72,10 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "camera=(), geolocation=(), microphone=()",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), unload=(self)",
 }
-"""Headers of every answer that does not set them itself."""
+"""Headers of every answer that does not set them itself. The page listens to `unload`, so that no browser keeps its
+stream after it was left (`page/lib/live.js`)."""
 
 
 def policy_of(kind: str | None) -> str:
