@@ -183,7 +183,7 @@ def test_a_guard_watches_what_an_instrument_measures(world, tmp_path):
 
     guard = {"name": "heater sags", "signal": "voltage", "below": 4.5, "max_age_s": 10, "action": "abort"}
     result = run_job(acquisition.job(tmp_path, settings=station(guards=[guard])), acquisition.at(20.0, sag))
-    assert "aborted by guard: heater sags: voltage = 3 is below 4.5" in str(result.error)
+    assert "aborted by guard: heater sags: voltage = 3 V is below 4.5 V" in str(result.error)
     assert not world[0].instruments["heater"].on
 
 

@@ -135,6 +135,10 @@ class GuardSettings(BaseModel):
         """A value of the signal with its unit."""
         return f"{value:.6g} {self._words[1]}".rstrip()
 
+    def says(self, signal: Signal) -> str:
+        """The signal in words and its value."""
+        return f"{self.watched} = {self.valued(signal.value)}"
+
     def answered(self, signal: Signal) -> str | None:
         """A signal that is yes or no in words, without what the guard's name says already; None: it is a number."""
         if self.signal not in YES_NO:
@@ -292,8 +296,8 @@ class _Guard:
             return None
         self.tripped = False
         rule = self.settings
-        inside = f"{rule.watched} = {rule.valued(signal.value)} is inside its limits again"
-        return Trip(rule, False, now_s, f"{rule.name}: {rule.answered(signal) or inside}")
+        text = rule.answered(signal) or f"{rule.says(signal)} is inside its limits again"
+        return Trip(rule, False, now_s, f"{rule.name}: {text}")
 
     def _silent(self, signal: Signal | None, now_s: float) -> str | None:
         rule = self.settings
@@ -308,11 +312,10 @@ class _Guard:
         above = rule.release_below if self.tripped and rule.release_below is not None else rule.above
         below = rule.release_above if self.tripped and rule.release_above is not None else rule.below
         rate = self._rate_per_min(signal) if rule.rate_per_min is not None else 0.0
-        says = f"{rule.watched} = {rule.valued(signal.value)}"
         if above is not None and signal.value > above:
-            return rule.answered(signal) or f"{says} is above {rule.valued(above)}{_because(signal)}"
+            return rule.answered(signal) or f"{rule.says(signal)} is above {rule.valued(above)}{_because(signal)}"
         if below is not None and signal.value < below:
-            return rule.answered(signal) or f"{says} is below {rule.valued(below)}{_because(signal)}"
+            return rule.answered(signal) or f"{rule.says(signal)} is below {rule.valued(below)}{_because(signal)}"
         if rule.rate_per_min is not None and rate > rule.rate_per_min:
             return f"{rule.watched} changes by {rule.valued(rate)} per minute, {rule.valued(rule.rate_per_min)} allowed"
         return None
