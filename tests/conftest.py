@@ -43,8 +43,8 @@ def pytest_unconfigure():
 
 
 def pytest_xdist_auto_num_workers(config):
-    """Two workers more than processors (`-n auto`): many tests wait for another process or a browser."""
-    return (os.cpu_count() or 1) + 2
+    """One worker more than processors (`-n auto`): many tests wait for another process or a browser."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_collection_modifyitems(items):

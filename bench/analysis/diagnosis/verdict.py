@@ -215,13 +215,16 @@ class Search:
 
         What begins at a place, such as a jump, describes a part of any such rest.
         """
-        effect = self.offer.effects[suspect.name]
-        if not (effect.needs or effect.parameters or effect.moves_abscissa):
-            return FURTHER_SLOW
+        most, effect = self._most(suspect), self.offer.effects[suspect.name]
         if any(parameter.change_point for parameter in effect.parameters):
-            return FURTHER_EVIDENCE
+            return most
         left = FURTHER_SHARE * sum(other.suspect.evidence for other in others)
-        return min(max(left, FURTHER_LEAST), FURTHER_EVIDENCE)
+        return min(max(left, FURTHER_LEAST), most)
+
+    def _most(self, suspect: Suspect) -> float:
+        """Most evidence that it needs beside others."""
+        effect = self.offer.effects[suspect.name]
+        return FURTHER_EVIDENCE if effect.needs or effect.parameters or effect.moves_abscissa else FURTHER_SLOW
 
     def _borne(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[Suspect]:
         """The leaders of which the run and the check runs together tell enough, and no other one more."""
@@ -239,7 +242,8 @@ class Search:
         as much as it has to fall for a proof.
         """
         if self.check:
-            return self._total(layout, point, [leader])[0] <= bar
+            most = self._most(leader)  # which the check runs must leave to what has it
+            return self._total(layout, point, [leader])[0] <= max(bar, most if leader.evidence > most else 0.0)
         effect = self.offer.effects[leader.name]
         if not effect.moves_abscissa or not any(other.moves_abscissa for other in layout.rows.model.effects):
             return False
