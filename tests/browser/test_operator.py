@@ -111,7 +111,7 @@ def test_a_profile_is_edited_and_the_equipment_of_its_station_asked(bench, visit
     before = text.input_value()
     text.fill(before.replace("to_degc: 10", "to_degc: -90", 1))
     page.get_by_text("It cannot be used like this").wait_for()
-    page.get_by_role("button", name="Line 10").click()
+    page.get_by_role("button", name="Line 10").first.click()
     assert text.evaluate("(area) => area.value.slice(area.selectionStart, area.selectionEnd)").endswith("per_min: 2}")
     picture(page, "files-wrong")
     colder = before.replace("to_degc: 10", "to_degc: 5").replace("name: short", "name: short_5")

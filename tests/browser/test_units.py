@@ -423,7 +423,7 @@ def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tm
     page.get_by_text("400 rows over 1 min 20 s, one every 0.2").wait_for()
     assert unit.input_value() == "5 Hz"
     assert not page.get_by_label("Column of: Rate (gyro output)", exact=True).is_visible(), "three axes are enough"
-    page.get_by_text("rate_y").first.wait_for()
+    page.get_by_text("Rate (gyro output) y").first.wait_for()
 
 
 def test_what_is_no_table_is_refused_in_a_line_and_another_may_be_tried(page, tmp_path):
