@@ -173,6 +173,9 @@ def test_every_point_of_a_chart_is_reached_by_keyboard_with_its_unit_value_and_d
     points.locator("summary").press("Enter")
     row = points.get_by_role("row").filter(has_text="L0-0005")
     assert re.search(r"L0-0005 · .* · 2026-\d\d-\d\d UTC\s+\S*\d", row.inner_text())
+    distances = page.get_by_role("region", name="Distance of each unit from its lot")
+    distances.get_by_text("48 points").press("Enter")
+    assert distances.get_by_role("row", name=re.compile("L[01]-")).count() == 48, "of both lots"
     row.get_by_role("link").press("Enter")
     page.wait_for_url("**/verdict/L0-0005/**")
     page.goto(f"/units/{UNIT}")

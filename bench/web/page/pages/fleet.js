@@ -83,6 +83,9 @@ function Capability({ fleet, chosen, choose }) {
     ${charted.some((one) => one.capability) && html`<p class="soft small">${t("fleet.cpk_note")}</p>`}`;
 }
 
+/** Every unit of a figure once, in order: [place, its words, its value], of the first curve that has it. */
+const pointsOf = ({ data }) => [...new Map([...data].reverse().flatMap(({ x, y, text }) => x.map((place, i) => [place, [place, text[i], y[i]]]))).values()].sort(([one], [other]) => one - other);
+
 /** Figure of the first-pass yield over time. */
 const YIELD = "yield";
 const HEIGHTS = { distances: 400, [YIELD]: 300 };
@@ -99,7 +102,7 @@ function Control({ name, params, anchor }) {
     <${Trouble} error=${error} retry=${again} />
     ${data ? html`<${Chart} figure=${data.figure} words=${words} name=${`fleet ${name}`} height=${HEIGHTS[name] ?? 460} onPick=${data.runs.length > 0 && pick} />` : !error && html`<${Busy} />`}
     ${data?.histogram && html`<${Chart} figure=${data.histogram} words=${t("fleet.histogram_words", { name: title, units: data.units.length })} name=${`fleet ${name} histogram`} height=${280} />`}
-    ${data?.units.length > 0 && html`<${Points} rows=${data.figure.data[0].x.map((x, i) => [runAt(x), pointName(data.figure.data[0].text[i]), data.figure.data[0].y[i]])} />`}
+    ${data?.units.length > 0 && html`<${Points} rows=${pointsOf(data.figure).map(([place, text, value]) => [runAt(place), pointName(text), value])} />`}
     ${data?.signals.length > 0 && html`<details><summary>${t("fleet.signals", { n: data.signals.length })}</summary>
       <div class="scroll st-scroll"><table><thead><tr><th scope="col">${t("units.serial")}</th><th scope="col">${t("fleet.rule")}</th></tr></thead>
       <tbody>${data.signals.map((one, i) => html`<tr key=${i}><th scope="row">${unitLink(one.unit)}</th><td>${one.rule}${sign(": ")}${t(`fleet.rule.${one.rule}`)}</td></tr>`)}</tbody></table></div></details>`}
