@@ -310,8 +310,12 @@ def test_a_point_of_a_chart_is_named_and_opens_its_run(page):
     page.goto("/fleet?q=L")
     page.get_by_role("button", name="Angle random walk").click()
     drawn = page.get_by_role("group", name="Angle random walk of 48 units")
-    point = drawn.locator(".scatterlayer .trace").first.locator(".points path").nth(5)  # it breaks no rule
+    drawn.locator(".legend", has_text=re.compile("station-A.*station-B")).wait_for()
+    dots = [drawn.locator(".scatterlayer .trace").nth(n).locator(".points path") for n in (1, 2)]
+    point = dots[1].nth(2)  # L0-0005 breaks no rule
     point.wait_for()
+    fills = [station.first.evaluate("(dot) => getComputedStyle(dot).fill") for station in dots]
+    assert fills[0] != fills[1], "a colour for each station"
     drawn.scroll_into_view_if_needed()
     box = point.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)

@@ -105,7 +105,8 @@ def _charted(found: Statistics, one: Measured, whole: Chart) -> Found:
     units = [unit.unit for unit in shown]
     signals = [{"rule": s.rule, "text": s.text, "unit": units[s.index], "at": s.index + 1} for s in chart.signals]
     limits = one.lower, one.upper
-    plot = figures.named(figures.control(chart, one.name, one.unit, limits), [_label(unit) for unit in shown])
+    drawn = figures.control(chart, one.name, one.unit, limits, [unit.station for unit in shown])
+    plot = figures.named(drawn, [_label(unit) for unit in shown])
     return {"name": one.name, "figure": plot, "histogram": figures.histogram(one.values, one.unit, limits),
             "units": units, "runs": [unit.path for unit in shown], "signals": signals,
             "all": len(one.rows)}  # fmt: skip

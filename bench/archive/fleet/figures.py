@@ -39,19 +39,32 @@ MOST = 4000
 _MOST_BARS = 60
 _MOST_DOTS = 200
 """Units in a control chart whose points are drawn on its line."""
+_MOST_NAMED = 12
+"""Lots, or stations, that a legend names."""
 MOST_PERIODS = 31
 """Days, or weeks, beyond which a yield is told by the next longer period."""
 
 
-def control(drawn: Chart, name: str, unit: str, limits: tuple[float | None, float | None]) -> Plot:
-    """Individual values with three sigma and the limits of the product; below, moving ranges."""
+def control(
+    drawn: Chart, name: str, unit: str, limits: tuple[float | None, float | None], stations: Sequence[str]
+) -> Plot:
+    """Individual values with three sigma and the limits of the product, coloured by station; below, moving ranges."""
     number = _numbers(drawn.values.size)
-    style = {"mode": "lines+markers", "marker": {"size": 5}} if drawn.values.size <= _MOST_DOTS else {}
+    names, code = coded(stations)
+    dots = [
+        dot_trace(number[code == i], drawn.values[code == i], station, CYCLE[i % len(CYCLE)], size=6, meta="station")
+        for i, station in enumerate(names)
+        if 1 < len(names) <= _MOST_NAMED
+    ]
+    style = {"mode": "lines+markers", "marker": {"size": 5}} if not dots and drawn.values.size <= _MOST_DOTS else {}
     marked: list[int] = sorted({signal.index for signal in drawn.signals})
     low, high = drawn.limits
     traces = [
-        line_trace(number, drawn.values, name, BLUE, width=1.2).update(style),
-        dot_trace(number[marked], drawn.values[marked], "breaks a rule", VERMILION, size=8, opacity=1.0),
+        line_trace(number, drawn.values, name, GREY if dots else BLUE, width=1.2).update(style),
+        *dots,
+        dot_trace(number[marked], drawn.values[marked], "breaks a rule", VERMILION, size=11, opacity=1.0).update(
+            marker={"symbol": "circle-open", "line": {"width": 2}}
+        ),
         line_trace(number[1:], drawn.ranges, "moving range", GREY, yaxis="y2", width=1.2),
     ]
     levels = [level_line(drawn.centre, "centre", GREEN), level_line(drawn.range_limit, "limit", ORANGE, yref="y2")]
@@ -161,7 +174,7 @@ def distances(values: FloatArray, lots: Sequence[str], odd: Sequence[int], seria
         "xaxis": axis(UNITS),
         "yaxis": axis("distance from the lot [robust σ]", rangemode="tozero"),
         "annotations": labels,
-        "showlegend": len(names) <= 12,
+        "showlegend": len(names) <= _MOST_NAMED,
     }
     return plot(traces, layout, 420)
 

@@ -215,7 +215,8 @@ def _charts(found: Statistics) -> Iterable[Section]:
             continue
         said = [f"{found.fleet.newest[one.rows[s.index]].unit}: {s.text} (rule {s.rule})" for s in one.chart.signals]
         caption = "; ".join(said[:12]) + (f"; and {len(said) - 12} more" if len(said) > 12 else "")
-        drawn = figures.control(one.chart.newest(figures.MOST), one.name, one.unit, (one.lower, one.upper))
+        stations = [found.fleet.newest[row].station for row in one.rows[-figures.MOST :]]
+        drawn = figures.control(one.chart.newest(figures.MOST), one.name, one.unit, (one.lower, one.upper), stations)
         alt = f"Control chart of {one.name} over {one.values.size} units, {len(said)} signals"
         html += heading(one.name) + figure(f"chart-{one.name}", drawn, caption or "No rule is broken.", alt)
     if html:

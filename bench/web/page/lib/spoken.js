@@ -72,7 +72,7 @@ function hovered(axis, side) {
   return `${name ? `${labelled(name)} ` : ""}${value}${unit ? ` ${symbols(unit)}` : ""}`;
 }
 
-const nameOf = ({ name = "", meta }) => (meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : planTitle({ id: name, title: UNNAMED.test(name) ? labelled(name) : labelled(named(name)) }));
+const nameOf = ({ name = "", meta }) => (meta === "station" ? stationName(name) : meta === "effect" && known(`workbench.effect.${name}`) ? effectWord(name) : known(`units.q.${name}`) ? quantityWord(name) : planTitle({ id: name, title: UNNAMED.test(name) ? labelled(name) : labelled(named(name)) }));
 
 function spokenTrace(trace, layout) {
   const axes = { x: layout[`xaxis${(trace.xaxis ?? "x").slice(1)}`], y: layout[`yaxis${(trace.yaxis ?? "y").slice(1)}`] };
