@@ -268,6 +268,7 @@ export default function Fleet({ query: initial }) {
     <div class="row spread"><h1>${t("fleet.title")}</h1>
       ${fleet?.units > 0 && html`<a class="button narrow" href=${`/api/v1/fleet.csv${query(params)}`} download>${t("fleet.csv")}</a>`}</div>
     <${Trouble} error=${error ?? trouble} retry=${again} />
+    ${error && filtered && html`<p><button type="button" class="narrow" onClick=${clear}>${t("fleet.clear")}</button></p>`}
     ${!fleet && !error && html`<${Busy} />`}
     ${fleet && !fleet.registry && html`<${NoRegistry} build=${build} may=${may("engineer")} />`}
     ${fleet?.registry && html`<div class="row st-filter">
