@@ -8,7 +8,7 @@ import pytest
 
 from bench.base import library
 from bench.deliver import IMU_FORMATS, MEASURED
-from bench.record import ImuSource, sha256
+from bench.record import CertificateRecord, ImuSource, sha256
 from bench.web.ground.settings import Settings
 from bench.web.shelf.steps import whole_of
 from tests.deliver.test_imu_certificate import verification
@@ -87,6 +87,22 @@ def test_a_certificate_is_refused_by_a_sentence_and_a_draft_is_printed(bench):
     assert (draft["draft"], draft["file"]) == (True, "draft.pdf")
     assert client.get(f"{run}/certificate").status_code == 404
     assert client.get(f"{run}/certificate?draft=true").content.startswith(b"%PDF-")
+
+
+def test_the_certificate_that_a_whole_calibration_issued_is_that_of_its_run(bench):
+    client, run, folder = bench
+    job = folder.parent / "20261121T055900Z_calibrate_brief"
+    job.mkdir()
+    for place in (folder, job):
+        CertificateRecord(number="SIM-0001-20261121-AB").write(place)
+    assert not client.get(run).json()["certificate"], "it was not printed"
+    (job / "certificate.pdf").write_bytes(b"%PDF-1.7")
+    try:
+        assert client.get(run).json()["certificate"]
+        assert client.get(f"{run}/certificate").content == b"%PDF-1.7"
+    finally:
+        (folder / CertificateRecord.FILE).unlink()
+        shutil.rmtree(job)
 
 
 def stood(**truth):

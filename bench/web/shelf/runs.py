@@ -15,10 +15,12 @@ from fastapi import APIRouter, FastAPI, HTTPException, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 from pydantic import BaseModel, Field
 
+from bench.archive import printed_certificate
 from bench.base import RATES, InputError
 from bench.record import (
     LIVE,
     CalibrationRecord,
+    CertificateRecord,
     ComparisonRecord,
     DiagnosisRecord,
     LimitsRecord,
@@ -169,7 +171,7 @@ def run(request: Request, here: Here, unit: str, run: str) -> RunAnswer:
         outputs=[name for name in RATES if name in names and name != "rate"],
         table="applied_rate" in names,
         report=folder.report.is_file() or (whole / "report.html").is_file(),
-        certificate=(whole / "certificate.pdf").is_file(),
+        certificate=_printed(whole) is not None,
         steps=steps_of(folder.path),
         calibration=whole != folder.path or (own is not None and own.calibration is not None),
         verifies=f"{entry.run.split('/')[0]}/{origin.name}" if origin else None,
@@ -189,8 +191,17 @@ def report(request: Request, unit: str, run: str) -> FileResponse:
 def certificate(request: Request, unit: str, run: str, draft: bool = False) -> FileResponse:
     """The certificate of the run's calibration, or of the whole unit by it, or its draft, PDF."""
     folder, name = whole_of(index_of(request).folder(unit, run)), "draft" if draft else "certificate"
-    path = _existing(folder / f"{name}.pdf", f"{name}: make one with `bench certificate`")
+    own = folder / f"{name}.pdf"
+    path = _existing(own if draft else _printed(folder) or own, f"{name}: make one with `bench certificate`")
     return FileResponse(path, media_type="application/pdf", filename=f"{unit}-{run}-{name}.pdf")
+
+
+def _printed(folder: Path) -> Path | None:
+    """The PDF of the certificate of a calibration: in the folder of its run, or in that of the job which issued it."""
+    if (own := folder / "certificate.pdf").is_file():
+        return own
+    told = story.sound(CertificateRecord, folder)
+    return printed_certificate(folder.parent.parent, folder.parent.name, told.number) if told else None
 
 
 @router.get("/runs/{unit}/{run}/data.csv", response_class=Response)
