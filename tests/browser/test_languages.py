@@ -125,6 +125,8 @@ def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
         page.goto(f"/live/{run}")
         page.locator(".log li.request").first.wait_for()
         page.locator(".log li.hold").first.wait_for()
+        held = page.locator(".log li.segment", has_text=re.compile("утримано|已保持")).first
+        assert re.search("−30", held.inner_text()), "the segment by what it does"
         page.set_viewport_size({"width": 683, "height": 1000})
         tops = [page.locator(part).bounding_box()["y"] for part in ("aside .figures-grid", "aside .guards")]
         assert tops[0] == pytest.approx(tops[1]), "the guards, which are long, stand beside the others"

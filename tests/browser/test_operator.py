@@ -648,6 +648,9 @@ def test_four_units_stand_side_by_side(bench, visitors):
     for serial in ("SIM-0001", "GX-0815", "SIM-0003", "SIM-0004"):
         page.get_by_text(serial).first.wait_for()
     assert page.locator(".output .chart > header .legend svg").first.is_visible(), "a number is told by its line"
+    for language, told in (("uk", r"1\sс\S+ °/год30\sс\S+ °/год"), ("en", r"1\ss\S+ deg/h30\ss\S+ deg/h")):
+        page.locator(".bar select").select_option(language)
+        page.locator(".output .chart > header .legend").filter(has_text=re.compile(told)).first.wait_for()
     places = page.locator(".output").evaluate_all("(all) => all.map((one) => one.getBoundingClientRect().x)")
     assert places[:2] == places[2:], "two beside two"
     page.set_viewport_size(SMALL)

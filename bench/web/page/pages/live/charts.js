@@ -2,7 +2,7 @@
 import { html, useMemo, useState } from "../../lib/preact.js";
 import { Legend, Plot, colour, polyline } from "../../lib/plot.js";
 import { SLOW_S } from "../../lib/trace.js";
-import { degrees, number, t } from "../../lib/words.js";
+import { degrees, duration, number, t } from "../../lib/words.js";
 
 /** Colours of units, in the order of the run; dashed from the fifth on, so that all differ. */
 const UNIT_TONES = ["--unit", "--figure-green", "--figure-purple", "--unit-4"];
@@ -95,13 +95,14 @@ export function Output({ run, trace, unit, index, children }) {
   const [low, high, fast, slow] = [at(band[1]), at(band[2]), at(means[1]), at(means[2])];
   const range = low === null ? "–" : `${number(low, 1)} … ${number(high, 1)} ${t("unit.dph")}`;
   const longer = trace.every_s >= SLOW_S;
+  const several = index !== null; // there is room for the time of a mean, with the unit beside its value
+  const mean = (s, tone, value) => ({ name: several ? duration(s) : t("live.mean", { s: number(s) }), tone, value: several ? `${number(value, 2)} ${t("unit.dph")}` : number(value, 2) });
   const told = { serial: unit.serial, low: number(low, 1), high: number(high, 1), mean: number(slow, 2) };
   const shared = { version: trace.version, span: spanOf(run), pointed: setPointed };
   return html`<section class="chart" aria-label=${`${t("live.output")} ${unit.serial}`}>
-    <header><h2>${index === null ? t("live.output") : unit.serial} <small class="soft">${t("unit.dph")}</small></h2>
+    <header><h2>${several ? unit.serial : t("live.output")} <small class="soft">${t("unit.dph")}</small></h2>
       ${children}<${Legend} entries=${[
-        ...(longer ? [] : [{ name: t("live.mean", { s: number(trace.every_s) }), tone: "--edge", value: number(fast, 2) }]),
-        { name: t("live.mean", { s: number(longer ? trace.every_s : SLOW_S) }), tone: "--rate", value: number(slow, 2) },
+        ...(longer ? [] : [mean(trace.every_s, "--edge", fast)]), mean(longer ? trace.every_s : SLOW_S, "--rate", slow),
       ]} /></header>
     <${Plot} label=${t("live.means_label", told)} series=${MEANS} data=${means} least=${0.5} height=${HEIGHT} ...${shared} />
     <header class="chart-below"><${Legend} entries=${[{ name: t("live.envelope", { s: number(trace.every_s) }), tone: "--rate", band: true, value: range }]} /></header>

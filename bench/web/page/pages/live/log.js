@@ -1,7 +1,7 @@
 // What has happened in a live run: segments, requests, guards, holds, each with its time.
 import { html, useEffect, useState } from "../../lib/preact.js";
 import { get, url } from "../../lib/api.js";
-import { duration, moment, number, or, t } from "../../lib/words.js";
+import { duration, moment, number, or, sign, t } from "../../lib/words.js";
 import { segmentText } from "./words.js";
 import { Said } from "../../lib/said.js";
 
@@ -22,8 +22,11 @@ function useEvents(run) {
 }
 
 /** An event as text. */
-const What = ({ event: { kind, phase, segment, text } }) => (kind === "segment" && segment && (phase === "start" || segment.outcome === "done")
-  ? html`${phase === "start" ? "▶" : "✓"} ${segmentText(segment)}` : html`<${Said} text=${text} />`);
+function What({ event: { kind, phase, segment, text } }) {
+  if (kind === "segment" && segment && (phase === "start" || segment.outcome === "done")) return html`${phase === "start" ? "▶" : "✓"} ${segmentText(segment)}`;
+  if (segment?.outcome === "held") return html`${segmentText(segment)}${sign(": ")}<${Said} text="held" />`;
+  return html`<${Said} text=${text} />`;
+}
 
 /** What a decision about the end of the run rests on: the error to be expected of each unit, beside the limit. */
 const Figures = ({ event: { units, limit_dph: limit } }) => html`<ul class="figures soft">${Object.entries(units).map(
