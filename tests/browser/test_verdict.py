@@ -172,21 +172,28 @@ def test_the_longest_verdict_does_not_break_within_a_word_on_a_telephone(site, v
     assert round(lines) <= 2
 
 
-def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it(site, visitors):
+def test_the_verdict_on_a_unit_does_not_wait_for_those_beside_it_and_that_on_all_does(site, visitors):
     page = visitors.come(site[0])
     units = [{"unit": f"U-{n}", "run": f"U-{n}/run", "verdict": None, "sentence": "", "limits": None, "analysed": False}
              for n in range(4)]  # fmt: skip
     units[2] |= {"verdict": "adequate", "limits": "PASS", "analysed": True}
+    units[3] |= {"verdict": "missing_effect", "limits": "MARGINAL", "analysed": True}
     end = {"state": "done", "cause": "", "analysing": True, "units": units, "verdict": None, "safe": True,
            "safe_state": [], "requests": []}  # fmt: skip
     run = {"run": "U-0/run", "runs": [one["run"] for one in units], "condition": "ended", "profile": "short",
            "station": "s", "ended": end}  # fmt: skip
     page.route("**/api/v1/live/U-0/run", lambda route: route.fulfill(json=run))
-    page.route("**/api/v1/runs/U-2/run", lambda route: route.fulfill(json={"limits": None, "steps": {}}))
+    page.route("**/api/v1/runs/*/run", lambda route: route.fulfill(json={"limits": None, "steps": {}}))
     page.goto("/verdict/U-0/run")
     page.locator(".verdict-units li").nth(3).wait_for()
     told = page.locator(".verdict-units strong").all_inner_texts()
-    assert [text.upper() for text in told] == ["MEASURED", "MEASURED", "PASS", "MEASURED"]
+    assert [text.upper() for text in told] == ["MEASURED", "MEASURED", "PASS", "MARGINAL"]
+    assert page.locator("h1").inner_text().upper() == "MEASURED", "a worse one may come"
+    assert "MEASURED" in page.title()
+    for unit in units[:2]:
+        unit |= {"verdict": "adequate", "limits": "PASS", "analysed": True}
+    end["analysing"] = False
+    page.get_by_role("heading", name="MARGINAL").wait_for()
 
 
 def test_several_units_stand_in_the_order_of_their_numbers_and_are_spoken_of_as_several(site, visitors):
