@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 
 from bench.web.people import people
 from tests.support.bench_project import bench_over
@@ -241,6 +242,7 @@ def test_a_table_of_values_says_which_of_several_units_it_is_about(site, visitor
     assert page.locator(".verdict-reasons .findings li").all_inner_texts() == ["Ж-1: a gap", "Ж-0: a gap"]
     assert why == ["0.300", "deg/h", "0", "…", "∞"], "why it is marginal"
     assert page.locator(".verdict-units a:visible").count() == 6
+    assert Axe().run(page).response["violations"] == []
     page.emulate_media(media="print")
     assert page.locator(".verdict-units a:visible").count() == 0, "nobody clicks on paper"
 

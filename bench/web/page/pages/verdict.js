@@ -185,7 +185,7 @@ function Reasons({ limits, kind, of }) {
     ${limits.refusals?.length > 0 && html`<ul class="findings" aria-label=${t("verdict.reasons")}>${limits.refusals.map((text) => html`
       <li key=${text}><span class="tone-warn"><${Shape} tone="warn" /></span><span>${of && html`<b>${of}${sign(": ")}</b>`}<${Said} text=${text} whole=${!of} /></span></li>`)}</ul>`}
     ${!limits.results?.length && limits.decision_rule && html`<p class="soft"><${Said} text=${limits.decision_rule} /></p>`}
-    ${limits.results?.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${t("verdict.table")}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
+    ${limits.results?.length > 0 && html`<div class="scroll" tabindex="0" role="region" aria-label=${`${of ? `${of}${sign(": ")}` : ""}${t("verdict.table")}`}><table>${of && html`<caption class="mono">${of}</caption>`}<thead><tr>${head.map((key) => html`<th key=${key} scope="col" class=${["value", "limits", "margin"].includes(key) ? "n" : undefined}>${t(`verdict.head.${key}`)}</th>`)}</tr></thead>
       <tbody>${limits.results.map((result) => html`<${Judged} key=${result.name} result=${result} kind=${kind} counts=${!limits.refusals?.length} />`)}</tbody></table></div>`}
   </div>`;
 }
