@@ -101,6 +101,13 @@ def test_a_decimal_comma_is_understood_and_what_is_no_number_stays_what_it_is() 
     assert told("lib/typed.js", script, given) == wanted
 
 
+def test_what_is_next_to_nothing_has_a_power_of_ten_and_no_row_of_zeros() -> None:
+    given = [0.000001339, 5.72e-7, -0.000034, 0.00012, 0, 2.5]
+    script = "console.log(JSON.stringify(given.map((one) => page.number(one))))"
+    wanted = ["1.34·10⁻⁶", "5.72·10⁻⁷", "−3.40·10⁻⁵", "0.000120", "0", "2.50"]
+    assert told("pages/workbench/parts.js", script, given) == wanted
+
+
 def test_the_residual_before_is_drawn_pale_behind_the_new_one() -> None:
     new = {"data": [{"name": "measured"}, {"name": "compensated", "meta": "residual", "yaxis": "y2"}], "layout": {}}
     old = {

@@ -10,7 +10,7 @@ export { api, duration, moment, or, runTitle, t };
 /** A number with a few significant digits, or a dash without one; no row of zeros for what is next to nothing. */
 export const number = (value, digits = 3) =>
   value === null || value === undefined || !Number.isFinite(value) ? "–"
-    : value && Math.abs(value) < 1e-6 ? sig(value, digits)
+    : value && Math.abs(value) < 1e-4 ? sig(value, digits)
     : new Intl.NumberFormat(language.get(), {
       maximumSignificantDigits: digits, minimumSignificantDigits: Number.isInteger(value) ? 1 : digits, useGrouping: Math.abs(value) >= 1e4,
     }).format(value).replace("-", "−");
