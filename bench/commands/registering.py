@@ -157,6 +157,14 @@ def refuse_foreign(folder: Path) -> None:
         )
 
 
+def see_again(folder: Path) -> None:
+    """Tell the ledger of the archive the manifest of a run that went on since it was registered: it is another one."""
+    run = folder.resolve()
+    path = f"{run.parent.name}/{run.name}"
+    if path in seen_in(_root(run)):
+        archive.archive(_root(run)).saw(path, sha256(run / MANIFEST))
+
+
 def seen_in(root: Path) -> dict[str, tuple[int | None, str]]:
     """The runs that the ledger of an archive saw, by path: line, and hash of the manifest; none without a ledger."""
     return archive.archive(root).seen() if archive.is_archive(root) else {}

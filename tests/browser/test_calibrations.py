@@ -149,6 +149,22 @@ def begin(page, touch):
     page.get_by_role("progressbar").wait_for()
 
 
+def print_certificate(page, bench, press, path):
+    """Print the certificate of the calibration that the page shows, when it is there, and check it."""
+    printed = page.get_by_role("link", name="Print the certificate")
+    printed.wait_for(timeout=2 * PATIENCE_MS)
+    picture(page, f"calibration-done-{press.__name__}")
+    page.get_by_text("Signed by: Simulated laboratory (certifies nothing)").wait_for()
+    with page.context.expect_page():
+        press(page, printed)
+    pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
+    path.write_bytes(pdf.body())
+    verify = ("-P", "-c", "from bench.cli import main; main()", "certificate", "--verify", path)
+    checked = subprocess.run((sys.executable, *verify), check=False, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
+    assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")
+
+
 @pytest.mark.slow
 def test_a_new_gyro_goes_to_its_signed_certificate_by_keyboard_alone(bench, visitors, tmp_path):
     """With a formula that the diagnosis of another unit offered, without which this one would fail."""
@@ -157,20 +173,9 @@ def test_a_new_gyro_goes_to_its_signed_certificate_by_keyboard_alone(bench, visi
     take_the_formula(page)
     begin(page, touch=False)
     picture(page, "calibration")
-    printed = page.get_by_role("link", name="Print the certificate")
-    printed.wait_for(timeout=2 * PATIENCE_MS)
-    picture(page, "calibration-done")
+    print_certificate(page, bench, enter, tmp_path / "printed.pdf")
     assert page.locator(".job-steps [lang=en]").all_inner_texts() == []
     assert page.locator(".job-steps .warning").first.bounding_box()["width"] > 200
-    page.get_by_text("Signed by: Simulated laboratory (certifies nothing)").wait_for()
-    with page.context.expect_page():
-        enter(page, printed)
-    pdf = page.request.get(bench.site.address + printed.get_attribute("href"))
-    (tmp_path / "printed.pdf").write_bytes(pdf.body())
-    command = ("-P", "-c", "from bench.cli import main; main()", "certificate", "--verify", tmp_path / "printed.pdf")
-    checked = subprocess.run((sys.executable, *command), check=False, capture_output=True, text=True)
-    assert checked.returncode == 0, checked.stdout
-    assert (pdf.headers["content-disposition"].partition(";")[0], pdf.body()[:5]) == ("inline", b"%PDF-")
     job = page.url.partition("/calibrations/")[2]
     told = json.loads((bench.out / job / "job.json").read_text())
     assert (told["unit"], told["verdict"]) == ("GX-0815", "PASS")
@@ -208,18 +213,13 @@ def test_between_two_runs_the_live_page_says_which_calibration_is_at_work_and_le
 
 
 @pytest.mark.slow
-def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
+def test_by_touch_a_new_gyro_goes_to_its_certificate_after_an_abort(bench, visitors, tmp_path):
     page = visitors.come(bench.site.address, size=TABLET, touch=True)
     begin(page, touch=True)
     page.get_by_role("button", name="Abort …").tap()
     page.get_by_role("button", name="Abort the run").tap()
     page.get_by_text("It can go on from there").wait_for()
     picture(page, "calibration-aborted-tablet")
-    page.get_by_role("button", name="Continue").tap()
-    page.get_by_role("progressbar").wait_for()
-    page.get_by_role("button", name="Abort …").tap()
-    page.get_by_role("button", name="Abort the run").tap()
-    page.get_by_text("It can go on from there").wait_for()
     page.get_by_role("link", name="Repeat").tap()
     page.get_by_text(
         "GX-0815: a calibration by this plan was begun before (Stopped); START begins a new one."
@@ -227,8 +227,13 @@ def test_by_touch_a_calibration_is_begun_aborted_and_goes_on(bench, visitors):
     page.get_by_role("checkbox", name="Begin again with the first step").tap()
     page.get_by_text("(Stopped); START goes on with it.").wait_for()
     page.goto("/calibrations")
-    page.get_by_role("link", name="GX-0815").wait_for()
     picture(page, "calibrations-tablet")
+    page.get_by_role("link", name="GX-0815").tap()
+    page.get_by_role("button", name="Continue").tap()
+    page.get_by_role("progressbar").wait_for()
+    print_certificate(page, bench, tap, tmp_path / "printed.pdf")
+    page.goto("/calibrations")
+    page.get_by_role("link", name="GX-0815").wait_for()
     page.set_viewport_size(PHONE)
     page.evaluate("document.fonts.ready")
     state = page.get_by_role("row", name="GX-0815").locator(".lamp").bounding_box()
