@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
 
 
 def quadrature_of_a_gradient(w: World, rng: np.random.Generator) -> FloatArray:
@@ -125,12 +125,7 @@ def bimetal(w: World, rng: np.random.Generator) -> FloatArray:
 
 def sticking_electrode(w: World, rng: np.random.Generator) -> FloatArray:
     """The quadrature electrode follows its command only beyond a dead band."""
-    band, at = rng.uniform(0.0045, 0.009), float(w.quadrature[0])
-    stuck = np.empty(len(w.quadrature))
-    for second, value in enumerate(w.quadrature.tolist()):
-        at = min(max(at, value - band), value + band)
-        stuck[second] = at
-    return stuck - w.quadrature
+    return dragged(w.quadrature, rng.uniform(0.0045, 0.009)) - w.quadrature
 
 
 def rectified_supply(w: World, rng: np.random.Generator) -> FloatArray:
@@ -176,11 +171,7 @@ def quadrature_that_moves(w: World, rng: np.random.Generator) -> FloatArray:
 def warms_fast_and_cools_slowly(w: World, rng: np.random.Generator) -> FloatArray:
     """A part in vacuum: it takes heat up faster than it gives it away."""
     up_s, times = log_uniform(rng, 100, 400), rng.uniform(2.0, 3.5)
-    part, state = np.empty(len(w.case)), float(w.case[0])
-    for second, value in enumerate(w.case.tolist()):
-        state += (value - state) / (up_s if value > state else times * up_s)
-        part[second] = state
-    return w.case - part
+    return w.case - unevenly(w.case, up_s, times * up_s)
 
 
 def root_of_a_flow(w: World, rng: np.random.Generator) -> FloatArray:

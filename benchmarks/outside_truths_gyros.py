@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
 
 
 def error_of_the_carrier(w: World, rng: np.random.Generator) -> FloatArray:
@@ -103,12 +103,7 @@ def clock_of_the_converter(w: World, rng: np.random.Generator) -> FloatArray:
 
 def reference_with_thermal_loop(w: World, rng: np.random.Generator) -> FloatArray:
     """A voltage reference has a loop over temperature; it scales quadrature."""
-    half, at = rng.uniform(3, 9), float(w.case[0])
-    out = np.empty(len(w.case))
-    for i, c in enumerate(w.case.tolist()):
-        at = min(max(at, c - half), c + half)
-        out[i] = at
-    return np.asarray((w.case - out) * w.quadrature)
+    return np.asarray((w.case - dragged(w.case, rng.uniform(3, 9))) * w.quadrature)
 
 
 def dielectric_absorption(w: World, rng: np.random.Generator) -> FloatArray:
@@ -126,13 +121,8 @@ def thermocouple_of_the_board(w: World, rng: np.random.Generator) -> FloatArray:
 
 def water_in_the_mould(w: World, rng: np.random.Generator) -> FloatArray:
     """Moulding compound takes up water from cold air and gives it off when it is warm; it swells."""
-    m, wet, dry = 0.5, log_uniform(rng, 4000, 15000), log_uniform(rng, 1500, 6000)
-    out = np.empty(len(w.case))
-    for i, c in enumerate(w.case.tolist()):
-        share = 1.0 / (1.0 + np.exp((c - 30.0) / 12.0))
-        m += (share - m) / (wet if share > m else dry)
-        out[i] = m
-    return out
+    wet, dry = log_uniform(rng, 4000, 15000), log_uniform(rng, 1500, 6000)
+    return unevenly(1.0 / (1.0 + np.exp((w.case - 30.0) / 12.0)), wet, dry, start=0.5)
 
 
 def solder_that_creeps(w: World, rng: np.random.Generator) -> FloatArray:

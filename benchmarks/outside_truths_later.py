@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
 
 # The following were written after the search was frozen for the third time, and led to a check run that has a say, and
 # to terms that grow with a reference value of their own.
@@ -162,11 +162,7 @@ def humid_board(w: World, rng: np.random.Generator) -> FloatArray:
 def backlash_of_the_gap(w: World, rng: np.random.Generator) -> FloatArray:
     """A duct bends with the difference to the air and drags a hinge with play along."""
     gap = follows(w.air - w.case, 40.0)
-    half, at, dragged = rng.uniform(0.15, 0.35) * w.constant(np.ptp(gap)) / 2.0, float(gap[0]), np.empty(len(gap))
-    for second, value in enumerate(gap.tolist()):
-        at = min(max(at, value - half), value + half)
-        dragged[second] = at
-    return dragged
+    return dragged(gap, rng.uniform(0.15, 0.35) * w.constant(np.ptp(gap)) / 2.0)
 
 
 def slew_limited(w: World, rng: np.random.Generator) -> FloatArray:
@@ -247,14 +243,8 @@ def quadrature_with_a_threshold(w: World, rng: np.random.Generator) -> FloatArra
 
 def two_loops(w: World, rng: np.random.Generator) -> FloatArray:
     """Two joints with play in a row: the second one is dragged by the first, at another stiffness."""
-    dragged = w.case
-    for half in rng.uniform((2.0, 4.0), (6.0, 12.0)).tolist():
-        at, moved = float(dragged[0]), np.empty(len(dragged))
-        for second, value in enumerate(dragged.tolist()):
-            at = min(max(at, value - half), value + half)
-            moved[second] = at
-        dragged = moved
-    return (w.case - dragged) * (1.0 + w.case / rng.uniform(60.0, 120.0))
+    first, second = rng.uniform((2.0, 4.0), (6.0, 12.0)).tolist()
+    return (w.case - dragged(dragged(w.case, first), second)) * (1.0 + w.case / rng.uniform(60.0, 120.0))
 
 
 # The following were written before limits, dead zones, modes and steps that take their time, and led to them.
@@ -262,13 +252,8 @@ def two_loops(w: World, rng: np.random.Generator) -> FloatArray:
 
 def swelling_bond(w: World, rng: np.random.Generator) -> FloatArray:
     """A bond takes up water slowly from cold air and dries much faster in warm air."""
-    takes_s, dries_s, level = log_uniform(rng, 3000, 9000), log_uniform(rng, 600, 2000), 0.5
-    swollen = np.empty(len(w.air))
-    for second, air in enumerate(w.air.tolist()):
-        wanted = 1.0 / (1.0 + np.exp((air - 15.0) / 12.0))
-        level += (wanted - level) / (takes_s if wanted > level else dries_s)
-        swollen[second] = level
-    return swollen
+    takes_s, dries_s = log_uniform(rng, 3000, 9000), log_uniform(rng, 600, 2000)
+    return unevenly(1.0 / (1.0 + np.exp((w.air - 15.0) / 12.0)), takes_s, dries_s, start=0.5)
 
 
 def cold_trap(w: World, rng: np.random.Generator) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.base import FloatArray
 from benchmarks.outside_truths_solids import rate
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
 
 
 def film_of_oil(w: World, rng: np.random.Generator) -> FloatArray:
@@ -48,14 +48,8 @@ def thermostat_oven(w: World, rng: np.random.Generator) -> FloatArray:
 
 def two_rate_wear(w: World, rng: np.random.Generator) -> FloatArray:
     """An exponential of the temperature that is taken up faster than it is given off."""
-    q = 0.0
-    a, b = (log_uniform(rng, 300, 1200), log_uniform(rng, 3000, 12000))
-    out = np.empty(len(w.case))
-    for i, c in enumerate(w.case.tolist()):
-        x = np.exp((c - 25) / 30.0)
-        q += (x - q) / (a if x > q else b)
-        out[i] = q
-    return out
+    up_s, down_s = log_uniform(rng, 300, 1200), log_uniform(rng, 3000, 12000)
+    return unevenly(np.exp((w.case - 25) / 30.0), up_s, down_s, start=0.0)
 
 
 def moire(w: World, rng: np.random.Generator) -> FloatArray:
@@ -133,13 +127,7 @@ def wet_side(w: World, rng: np.random.Generator) -> FloatArray:
 def saturating_loop(w: World, rng: np.random.Generator) -> FloatArray:
     """A loop with play behind a limiter, less the limiter without play."""
     x = (w.case - rng.uniform(10, 40)) / rng.uniform(15, 35)
-    h = rng.uniform(0.1, 0.3)
-    at = float(x[0])
-    out = np.empty(len(x))
-    for i, v in enumerate(x.tolist()):
-        at = min(max(at, v - h), v + h)
-        out[i] = np.tanh(at)
-    return np.asarray(out - np.tanh(x))
+    return np.asarray(np.tanh(dragged(x, rng.uniform(0.1, 0.3))) - np.tanh(x))
 
 
 def comb_of_modes(w: World, rng: np.random.Generator) -> FloatArray:
@@ -335,13 +323,8 @@ def last_extreme(w: World, rng: np.random.Generator) -> FloatArray:
 
 def heat_pipe(w: World, rng: np.random.Generator) -> FloatArray:
     """Conducts only one way: the inner node warms fast from the case and cools slowly, more so when cold."""
-    n = float(w.case[0])
-    a, b = (log_uniform(rng, 60, 250), log_uniform(rng, 1500, 6000))
-    out = np.empty(len(w.case))
-    for i, c in enumerate(w.case.tolist()):
-        n += (c - n) / (a if c > n else b)
-        out[i] = c - n
-    return np.asarray(out * (1 + w.case / rng.uniform(80, 200)))
+    up_s, down_s = log_uniform(rng, 60, 250), log_uniform(rng, 1500, 6000)
+    return np.asarray((w.case - unevenly(w.case, up_s, down_s)) * (1 + w.case / rng.uniform(80, 200)))
 
 
 def rectified_gradient(w: World, rng: np.random.Generator) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
 
 
 def board_with_a_thermostat(w: World, rng: np.random.Generator) -> FloatArray:
@@ -24,11 +24,7 @@ def one_way_leak(w: World, rng: np.random.Generator) -> FloatArray:
     """Air enters a package through a flap within minutes, and leaves through a pore within an hour or more."""
     fast, slow = log_uniform(rng, 100, 400), log_uniform(rng, 2500, 8000)
     outside = 300.0 / (follows(w.case, 120.0) + 273.15)
-    inside, over = float(outside[0]), np.empty(len(outside))
-    for second, value in enumerate(outside.tolist()):
-        inside += (value - inside) / (fast if value > inside else slow)
-        over[second] = inside - value
-    return over
+    return unevenly(outside, fast, slow) - outside
 
 
 def friction_that_thaws(w: World, rng: np.random.Generator) -> FloatArray:
@@ -209,11 +205,7 @@ def shock_of_cooling(w: World, rng: np.random.Generator) -> FloatArray:
 
 def seal_dragged_by_the_air(w: World, rng: np.random.Generator) -> FloatArray:
     """A seal at the chamber's wall moves with the air, and drags with play."""
-    play, at, out = rng.uniform(3.0, 15.0), float(w.air[0]), np.empty(len(w.air))
-    for second, air in enumerate(w.air.tolist()):
-        at = min(max(at, air - play), air + play)
-        out[second] = air - at
-    return out
+    return w.air - dragged(w.air, rng.uniform(3.0, 15.0))
 
 
 def loop_behind_its_reference(w: World, rng: np.random.Generator) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.outside_world import World, dragged, follows, log_uniform
 
 
 def rate(w: World) -> FloatArray:
@@ -74,12 +74,7 @@ def crack(w: World, rng: np.random.Generator) -> FloatArray:
 def loop_of_the_frequency(w: World, rng: np.random.Generator) -> FloatArray:
     """The frequency drags something along with play."""
     wide = w.constant(float(np.ptp(w.frequency))) * rng.uniform(0.04, 0.12)
-    at = float(w.frequency[0])
-    out = np.empty(len(w.case))
-    for i, f in enumerate(w.frequency.tolist()):
-        at = min(max(at, f - wide), f + wide)
-        out[i] = f - at
-    return out
+    return w.frequency - dragged(w.frequency, wide)
 
 
 def warm_resistor(w: World, rng: np.random.Generator) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a mechanism outside the catalogue sees of its surroundings, and the two operators that many of them share."""
+"""What a mechanism outside the catalogue sees of its surroundings, and the operators that many of them share."""
 
 from __future__ import annotations
 
@@ -51,6 +51,24 @@ def follows(source: FloatArray, tau_s: float) -> FloatArray:
         level += share * (value - level)
         node[second] = level
     return node
+
+
+def unevenly(source: FloatArray, up_s: float, down_s: float, start: float | None = None) -> FloatArray:
+    """A node that takes up and gives off with different time constants; it begins as the source does, or at `start`."""
+    node, level = np.empty(len(source)), float(source[0]) if start is None else start
+    for second, value in enumerate(source.tolist()):
+        level += (value - level) / (up_s if value > level else down_s)
+        node[second] = level
+    return node
+
+
+def dragged(source: FloatArray, play: float) -> FloatArray:
+    """What a source drags along once it has gone through the play on either side."""
+    moved, at = np.empty(len(source)), float(source[0])
+    for second, value in enumerate(source.tolist()):
+        at = min(max(at, value - play), value + play)
+        moved[second] = at
+    return moved
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
