@@ -67,6 +67,11 @@ def _root(run: Path) -> Path:
     return run.resolve().parent.parent
 
 
+def _place(run: Path) -> str:
+    """Path of a resolved run folder in its archive."""
+    return f"{run.parent.name}/{run.name}"
+
+
 def registry_list(root: Path, where: str | None, unit: str | None, most: int) -> RegisteredRuns:
     """`bench registry list`: runs, the newest first."""
     with existing(root, where) as registry:
@@ -148,7 +153,7 @@ def refuse_foreign(folder: Path) -> None:
     _refuse_lost(root)
     if chain_of(root) is not None:
         prove(root)
-    known, digest = seen_in(_root(run)).get(f"{run.parent.name}/{run.name}"), sha256(run / MANIFEST)
+    known, digest = seen_in(root).get(_place(run)), sha256(run / MANIFEST)
     if known is not None and known[1] != digest:
         raise InputError(
             f"has a manifest.json with the SHA-256 {digest}, the ledger of the archive saw {known[1]}; restore it, or "
@@ -160,9 +165,8 @@ def refuse_foreign(folder: Path) -> None:
 def see_again(folder: Path) -> None:
     """Tell the ledger of the archive the manifest of a run that went on since it was registered: it is another one."""
     run = folder.resolve()
-    path = f"{run.parent.name}/{run.name}"
-    if path in seen_in(_root(run)):
-        archive.archive(_root(run)).saw(path, sha256(run / MANIFEST))
+    if _place(run) in seen_in(_root(run)):
+        archive.archive(_root(run)).saw(_place(run), sha256(run / MANIFEST))
 
 
 def seen_in(root: Path) -> dict[str, tuple[int | None, str]]:

@@ -47,7 +47,7 @@ def test_on_a_serial_line_no_late_answer_becomes_a_wrong_value(attempts: int):
         link.close()
     assert device.late >= READS // 6
     assert wrong == 0
-    assert failed <= device.late + READS // 6  # a busy machine makes some more late
+    assert failed <= device.late
     assert link.counters.faults >= device.late
 
 

@@ -17,7 +17,7 @@ from modbus_tk.utils import calculate_crc
 
 from drivers.registers import Register
 
-TIMEOUT_S, LATE_S, SLOWEST_S = 0.05, 0.08, 0.5
+TIMEOUT_S, LATE_S, SLOWEST_S = 0.1, 0.16, 0.8
 """The client waits, a late answer takes, no answer takes; far apart, so that a busy computer changes nothing."""
 
 
