@@ -11,6 +11,7 @@ from bench import acquisition
 from bench.base import Document, InputError, NotResumableError, load_config, read_yaml
 from bench.commands.acquisition import carry_out, station_of
 from bench.commands.analysis import kept_models
+from bench.commands.registering import see_again
 from bench.commands.several import report_on_units
 from bench.record import RunFolder, use
 
@@ -29,7 +30,10 @@ def go_on(run: RunFolder, station: Path | None, quiet: bool) -> Reported | Units
 
 def continued(run: RunFolder, station: Path | Document | None, quiet: bool) -> acquisition.RunResult:
     """Append what is left of a recovered run as a new part; NotResumableError when there is nothing to go on with."""
-    return carry_out(_rest(run, station), quiet)
+    result = carry_out(_rest(run, station), quiet)
+    for unit in result.units:
+        see_again(unit.run.path)
+    return result
 
 
 def _rest(run: RunFolder, given: Path | Document | None) -> acquisition.Job:

@@ -12,7 +12,6 @@ from bench.commands.acquisition import Task, conduct
 from bench.commands.analysis import recover
 from bench.commands.calibration.job import JOB_MARK, JobFile
 from bench.commands.calibration.order import Order
-from bench.commands.registering import see_again
 from bench.commands.resuming import continued
 from bench.record import MANIFEST, RunFolder, slug
 
@@ -80,10 +79,7 @@ def _taken_up(order: Order, folder: Path, step: str) -> RunFolder | None:
             return run
         # The station as the run had it, with all units in their slots; what it names beside itself is beside the file.
         own = read_yaml(folder / "station.yaml")
-        result = continued(run, replace(own, file=order.station_file().file), order.quiet)
-        for unit in result.units:
-            see_again(unit.run.path)
-        return _whole(order, result)
+        return _whole(order, continued(run, replace(own, file=order.station_file().file), order.quiet))
     except LeftRunError as error:
         raise AgainError(step, str(error)) from error
     except NotResumableError:  # killed before anything was recorded, or after the last segment
