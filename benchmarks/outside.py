@@ -34,6 +34,7 @@ from benchmarks import (
     campaigns,
     cases,
     outside_truths,
+    outside_truths_blind,
     outside_truths_gyros,
     outside_truths_last,
     outside_truths_later,
@@ -53,7 +54,7 @@ TRUTHS: dict[str, Truth] = {
     name: truth
     for module in (
         outside_truths, outside_truths_later, outside_truths_last, outside_truths_newest, outside_truths_ordinary,
-        outside_truths_solids, outside_truths_machines, outside_truths_gyros,
+        outside_truths_solids, outside_truths_machines, outside_truths_gyros, outside_truths_blind,
     )
     for name, truth in vars(module).items()
     if isfunction(truth) and truth.__module__ == module.__name__ and [*signature(truth).parameters] == ["w", "rng"]
