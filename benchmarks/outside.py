@@ -18,7 +18,6 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from inspect import isfunction, signature
 from pathlib import Path
 from typing import Any
 
@@ -30,36 +29,15 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import fit_model
 from bench.base import FloatArray
 from bench.record.dataset import Dataset
-from benchmarks import (
-    campaigns,
-    cases,
-    outside_truths,
-    outside_truths_blind,
-    outside_truths_gyros,
-    outside_truths_last,
-    outside_truths_later,
-    outside_truths_machines,
-    outside_truths_newest,
-    outside_truths_ordinary,
-    outside_truths_solids,
-)
+from benchmarks import campaigns, cases
 from benchmarks.bars import table
-from benchmarks.outside_world import Truth, World, constants
+from benchmarks.mechanisms import TRUTHS
+from benchmarks.mechanisms.world import World, constants
 from benchmarks.trials import MODEL
 
 RUN, CHECK, JUDGE = cases.TWO_RATES, cases.LOOPS, "steps_-40_85"
 LEAST_SHARE = 0.8
 MOST_RATIO = 1.15
-TRUTHS: dict[str, Truth] = {
-    name: truth
-    for module in (
-        outside_truths, outside_truths_later, outside_truths_last, outside_truths_newest, outside_truths_ordinary,
-        outside_truths_solids, outside_truths_machines, outside_truths_gyros, outside_truths_blind,
-    )
-    for name, truth in vars(module).items()
-    if isfunction(truth) and truth.__module__ == module.__name__ and [*signature(truth).parameters] == ["w", "rng"]
-}  # fmt: skip
-"""In the order in which they were written."""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from bench.base import InputError
 from bench.base.language import told
 from bench.cli import main
 from benchmarks import cases, outside
-from benchmarks.outside_truths_ordinary import surface_above_mean
+from benchmarks.mechanisms.textbooks import surface_above_mean
 from benchmarks.trials import MODEL
 
 

@@ -1,11 +1,11 @@
-"""Mechanisms of `outside_truths` in solids and circuits, counted before anything was changed for them."""
+"""Mechanisms in solids and circuits, counted before anything was changed for them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, dragged, follows, log_uniform
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform
 
 
 def rate(w: World) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Mechanisms of `outside_truths` by an author who did not know the search, counted before anything was changed."""
+"""Mechanisms by an author who did not know the search, counted before anything was changed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import erfc
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.mechanisms.world import World, follows, log_uniform
 
 KELVIN = 273.15
 

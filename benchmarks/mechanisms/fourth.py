@@ -1,11 +1,11 @@
-"""Mechanisms of `outside_truths` written after places in a temperature that lags, covers and hops had come."""
+"""The fourth group: mechanisms written after places in a temperature that lags, covers and hops had come."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, unevenly
 
 
 def board_with_a_thermostat(w: World, rng: np.random.Generator) -> FloatArray:

@@ -1,11 +1,11 @@
-"""Mechanisms that neither the catalogue nor the grammar of formulas holds literally, integrated second by second."""
+"""The first mechanisms that neither the catalogue nor the grammar of formulas held, integrated second by second."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, unevenly
 
 
 def quadrature_of_a_gradient(w: World, rng: np.random.Generator) -> FloatArray:

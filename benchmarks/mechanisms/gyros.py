@@ -1,11 +1,11 @@
-"""Mechanisms of `outside_truths` inside gyroscopes and their electronics, counted before anything was changed."""
+"""Mechanisms inside gyroscopes and their electronics, counted before anything was changed."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, unevenly
 
 
 def error_of_the_carrier(w: World, rng: np.random.Generator) -> FloatArray:

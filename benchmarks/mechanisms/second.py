@@ -1,11 +1,11 @@
-"""The later half of the mechanisms of `outside_truths`, integrated second by second, too."""
+"""The second group of mechanisms, integrated second by second, too."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, unevenly
 
 # The following were written after the search was frozen for the third time, and led to a check run that has a say, and
 # to terms that grow with a reference value of their own.

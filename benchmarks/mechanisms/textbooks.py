@@ -1,4 +1,4 @@
-"""Mechanisms of `outside_truths` as textbooks have them, written together, before anything was changed for them."""
+"""Mechanisms as textbooks have them, written together, before anything was changed for them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_world import World, follows, log_uniform
+from benchmarks.mechanisms.world import World, follows, log_uniform
 
 
 def stepped(driver: FloatArray, state: float, step: Callable[[float, float, float], float]) -> FloatArray:

@@ -1,12 +1,12 @@
-"""Mechanisms of `outside_truths` of machines, contacts and optics, counted before anything was changed for them."""
+"""Mechanisms of machines, contacts and optics, counted before anything was changed for them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.outside_truths_solids import rate
-from benchmarks.outside_world import World, dragged, follows, log_uniform, unevenly
+from benchmarks.mechanisms.solids import rate
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, unevenly
 
 
 def film_of_oil(w: World, rng: np.random.Generator) -> FloatArray:
