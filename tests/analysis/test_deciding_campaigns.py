@@ -28,12 +28,13 @@ def test_a_tie_is_decided_only_if_the_hidden_family_alone_is_left(tmp_path):
 def test_pairs_are_right_where_both_families_and_their_values_are(tmp_path):
     case = pairs.Case("thermal_lag+frost", 1.0, 1)
     found = {"effects": ["frost", "thermal_lag"], "deviations": {"thermal_lag.tau_s": 1.5}}
-    assert pairs.right(case, found) == (True, True)
-    assert pairs.right(case, found | {"deviations": {"thermal_lag.tau_s": -2.5}}) == (True, False)
-    assert pairs.right(case, found | {"effects": ["frost"]}) == (False, False)
+    assert pairs.right(case, found) == (True, True, True)
+    assert pairs.right(case, found | {"deviations": {"thermal_lag.tau_s": -2.5}}) == (True, False, False)
+    assert pairs.right(case, found | {"deviations": {"bias_jump.a": 2.5}}) == (True, True, False)
+    assert pairs.right(case, found | {"effects": ["frost"]}) == (False, False, False)
     single = pairs.Case("aging", 1.0, 2), {"effects": ["aging"], "deviations": {"aging.line": 1.5}}
     shares = {row["what"]: row["share"] for row in pairs.table([(case, found), single])}
-    assert shares == {"both found": 1.0, "and within 2": 1.0, "within 1": 0.0, "within 2": 1.0}
+    assert shares == {"both found": 1.0, "places and times": 1.0, "sizes too": 1.0, "within 1": 0.0, "within 2": 1.0}
     assert pairs.section(tmp_path / "none.jsonl") == ""
 
 
