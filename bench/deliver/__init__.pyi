@@ -90,6 +90,8 @@ from .report.plotting import DIRECTIONS as DIRECTIONS
 from .report.plotting import GREEN as GREEN
 from .report.plotting import GREY as GREY
 from .report.plotting import ORANGE as ORANGE
+from .report.plotting import PURPLE as PURPLE
+from .report.plotting import SKY as SKY
 from .report.plotting import VERMILION as VERMILION
 from .report.plotting import Plot as Plot
 from .report.plotting import axis as axis

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,14 @@ from scipy import sparse, stats
 
 from bench.analysis import load_limits
 from bench.archive.fleet import statistics as judging
+from bench.archive.fleet import trends
 from bench.archive.fleet import units as reading
 from bench.archive.fleet.board import overview
 from bench.archive.fleet.capability import capability, proportion
 from bench.archive.fleet.charts import chart, signals
 from bench.archive.fleet.drift import Levelled, corrected
 from bench.archive.fleet.drift import drifts as drifts_of
-from bench.archive.fleet.figures import yields
+from bench.archive.fleet.figures import control, yields
 from bench.archive.fleet.groups import coded, median, medians
 from bench.archive.fleet.listing import listing
 from bench.archive.fleet.mixed import Columns
@@ -26,6 +28,7 @@ from bench.archive.fleet.unlike import unlike
 from bench.archive.registry.opening import FILE, open_registry
 from tests.support.commands import bench
 from tests.support.fleet_runs import LIMITS, line, station
+from tests.support.page_modules import SOURCE
 from tests.support.run_folders import keep
 
 DAY_S = 86400.0
@@ -307,6 +310,23 @@ def test_the_yield_over_time_is_that_of_the_first_attempts_of_each_week(tmp_path
     assert first_day["range"] == ["2026-02-27T12:00:00+00:00", "2026-03-03T12:00:00+00:00"], (
         "an axis of days, not of seconds"
     )
+
+
+def test_no_points_have_the_colour_of_a_line_across_their_figure():
+    stations = [f"S-{number:02d}" for number in range(12)]
+    charted = control(chart(np.arange(12.0) % 5), "x", "deg/h", (0.1, 3.9), stations)
+    looks = {(one["marker"]["color"], one["marker"]["symbol"]) for one in charted["data"] if one["name"] in stations}
+    assert len(looks) == len(stations)
+    points = [{"run": "r", "created": f"2026-03-0{day}T00:00:00Z", "profile": day, "value": 0.4} for day in range(1, 7)]
+    drawn = [charted, trends.figure({"unit": "deg/h", "lower": None, "upper": 0.5, "points": points})]
+    for figure in drawn:
+        lines = {shape["line"]["color"] for shape in figure["layout"]["shapes"]}
+        coloured = [one for one in figure["data"] if one["name"] != "breaks a rule"]
+        assert lines
+        assert [one["name"] for one in coloured if one.get("marker", {}).get("color") in lines] == []
+    dark = (SOURCE / "style" / "tokens.css").read_text().partition('theme="dark"')[2]
+    by_night = re.findall(r"--figure-(?!purple|grey)\w+: (#\w+)", dark.partition("} }")[0])
+    assert len(set(by_night)) == len(by_night)
 
 
 def test_a_fleet_is_counted_without_an_object_for_each_unit(made, monkeypatch):

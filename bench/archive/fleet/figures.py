@@ -16,6 +16,7 @@ from bench.archive.fleet.charts import Chart
 from bench.archive.fleet.drift import DAY_S
 from bench.archive.fleet.groups import coded
 from bench.archive.fleet.statistics import Statistics
+from bench.archive.fleet.trends import SYMBOLS
 from bench.base import BoolArray, FloatArray, IntArray, in_print
 from bench.deliver import (
     BLUE,
@@ -23,6 +24,8 @@ from bench.deliver import (
     GREEN,
     GREY,
     ORANGE,
+    PURPLE,
+    SKY,
     VERMILION,
     Plot,
     axis,
@@ -41,6 +44,8 @@ _MOST_DOTS = 200
 """Units in a control chart whose points are drawn on its line."""
 _MOST_NAMED = 12
 """Lots, or stations, that a legend names."""
+_LOOKS = tuple(zip((BLUE, PURPLE, SKY) * 5, SYMBOLS[:5] * 3, strict=True))
+"""Colour and shape of each station: no colour of a line across the chart."""
 MOST_PERIODS = 31
 """Days, or weeks, beyond which a yield is told by the next longer period."""
 
@@ -52,8 +57,10 @@ def control(
     number = _numbers(drawn.values.size)
     names, code = coded(stations)
     dots = [
-        dot_trace(number[code == i], drawn.values[code == i], station, CYCLE[i % len(CYCLE)], size=6, meta="station")
-        for i, station in enumerate(names)
+        dot_trace(number[code == i], drawn.values[code == i], station, colour, size=6, meta="station").update(
+            marker={"symbol": symbol}
+        )
+        for i, (station, (colour, symbol)) in enumerate(zip(names, _LOOKS, strict=False))
         if 1 < len(names) <= _MOST_NAMED
     ]
     style = {"mode": "lines+markers", "marker": {"size": 5}} if not dots and drawn.values.size <= _MOST_DOTS else {}

@@ -73,10 +73,10 @@ def _trend(name: str, unit: str, points: list[Found], limit: JudgedQuantity | No
 
 def figure(trend: Mapping[str, Any]) -> Plot:
     """The values over time, a colour and a shape for each profile, with the limits."""
-    traces = []
+    traces, colours = [], [colour for colour in CYCLE if colour != VERMILION]
     for i, profile in enumerate(dict.fromkeys(point["profile"] for point in trend["points"])):
         own = [point for point in trend["points"] if point["profile"] == profile]
-        style = {"color": CYCLE[i % len(CYCLE)], "size": 9, "symbol": SYMBOLS[i % len(SYMBOLS)]}
+        style = {"color": colours[i % len(colours)], "size": 9, "symbol": SYMBOLS[i % len(SYMBOLS)]}
         traces.append(go.Scatter(
             x=[point["created"] for point in own], y=[point["value"] for point in own], name=str(profile),
             mode="lines+markers", marker=style, line={"color": style["color"], "width": 1.2},
