@@ -113,6 +113,23 @@ def test_the_calibration_of_a_unit_of_no_station_is_written_in_the_slot_that_is_
     assert (sent[0]["station"], sent[0]["slot"]) == ("four_units", f"{UNIT}@SIM-0003")
 
 
+def test_the_slot_of_the_run_is_chosen_for_its_unit_and_can_be_changed(page):
+    def in_slot(route):
+        run = route.fetch().json()
+        run["manifest"] |= {"station": "four-units", "gyro": {"layout": "", "bus": "can1", "number": 0}}
+        route.fulfill(json=run)
+
+    page.route(f"**/api/v1/runs/{UNIT}/2026*", in_slot)
+    page.goto(f"/units/{UNIT}")
+    page.get_by_role("link", name="Deliver and check").first.click()
+    page.get_by_text("chosen is the slot that its run had").wait_for()
+    station = page.get_by_label("Station")
+    assert station.locator("option:checked").inner_text() == "Four units: Slot of SIM-0003"
+    assert page.get_by_role("button", name="Write it into the unit").is_enabled()
+    station.select_option("Four units: Slot of SIM-0002")
+    assert station.locator("option:checked").inner_text() == "Four units: Slot of SIM-0002"
+
+
 def test_a_run_that_is_done_and_judged_by_nothing_says_so(page):
     def unjudged(route):
         unit = route.fetch().json()

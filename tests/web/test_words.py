@@ -108,6 +108,13 @@ def test_no_text_is_empty(language: str) -> None:
     assert [key for key, of_key in texts.items() if not all(text.strip() for text in of_key.values())] == []
 
 
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_text_names_a_command_only_where_the_page_has_no_place_for_it(language: str) -> None:
+    texts = {key: " ".join(forms(entry).values()) for key, entry in catalogue(language).items()}
+    named = {key for key, text in texts.items() if re.search(r"[“«`]bench [a-z]| --[a-z]", text)}
+    assert named == {"import.too_large", "run.unit.lot"}
+
+
 def test_every_key_that_a_module_names_is_in_the_catalogue() -> None:
     """The page would show the key itself."""
     known = catalogue("en")

@@ -86,6 +86,8 @@ class StationInShort(BaseModel):
     fixture: Literal["asked", "simulated"] | None = None
     """Who turns its fixture: people, or nobody on a simulated station; null without one."""
     units: list[str] = []
+    wires: list[str] = []
+    """Bus and number of each of the units, as `can0 0`."""
     problem: str = ""
 
 
@@ -174,6 +176,7 @@ def _station(id_: str, path: Path, here: Settings) -> StationInShort:
             rate_table=settings.rate_table is not None,
             fixture=settings.fixture and settings.fixture.operator,
             units=[unit.serial for unit in settings.units],
+            wires=[f"{unit.bus} {unit.number}" for unit in settings.units],
         )
 
     return row(here.project, made, lambda problem: StationInShort(id=id_, title=id_, problem=problem))

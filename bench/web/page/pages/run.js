@@ -103,7 +103,7 @@ function Certificate({ path, run, again }) {
 /** Whether this is the calibration of a lot, or of a unit by its lot: its rows alone do not give it again. */
 const ofLot = (run) => run?.manifest.profile === "lot";
 
-/** Flash and verify: what moves equipment, at the station that has the unit; one that no station file has is in a slot that people choose. */
+/** Flash and verify: what moves equipment, at the station that has the unit; one that no station file has is in the slot of its run, or in one that people choose. */
 function InTheUnit({ path, run }) {
   const { data: stations } = useGet("/stations");
   const { data: plans } = useGet("/plans");
@@ -115,7 +115,9 @@ function InTheUnit({ path, run }) {
   const every = stations?.stations ?? [];
   const known = every.filter((one) => one.units.includes(run.unit));
   const places = known.length ? known.map((one) => ({ one, slot: run.unit })) : ofLot(run) ? [] : every.flatMap((one) => one.units.map((slot) => ({ one, slot })));
-  const there = place ? places[place] : known.length ? places.find(({ one }) => one.title === run.manifest.station) ?? places[0] : null;
+  const { station, gyro } = run.manifest;
+  const itsOwn = places.find(({ one, slot }) => one.title === station && (known.length || one.wires[one.units.indexOf(slot)] === `${gyro?.bus} ${gyro?.number}`));
+  const there = place ? places[place] : itsOwn ?? (known.length ? places[0] : null);
   const at = there && { station: there.one.id, ...(known.length ? {} : { slot: inSlot(run.unit, there.slot) }) };
   const own = plans?.plans.find((one) => one.name === run.manifest.profile);
   const others = (plans?.plans ?? []).filter((one) => !one.problem && isOffered(one) && one !== own && one.kind === (own?.kind ?? "temperature"));
@@ -138,7 +140,7 @@ function InTheUnit({ path, run }) {
   if (!may("operator")) return null;
   const options = (all, current) => all.map((one) => html`<option key=${one.id} value=${one.id} selected=${one.id === current}>${one.kind ? planTitle(one) : limitsName(one.id, one.title)}</option>`);
   return html`<${Part} name="unit">
-    ${stations && !known.length && html`<p>${t(ofLot(run) ? "run.unit.lot" : "run.unit.nowhere", { unit: run.unit })}</p>`}
+    ${stations && !known.length && html`<p>${t(ofLot(run) ? "run.unit.lot" : itsOwn ? "run.unit.as_run" : "run.unit.nowhere", { unit: run.unit })}</p>`}
     ${places.length > 0 && html`<div class="run-fields">
       <div class="field"><label for="run-station">${t("papers.station")}</label><select id="run-station" onChange=${(event) => setPlace(event.target.value)}>${!known.length && html`<option value="" selected=${!there}></option>`}
         ${places.map(({ one, slot }, i) => html`<option key=${i} value=${i} selected=${there === places[i]} title=${one.title}>${stationName(one.title)}${known.length ? "" : `${sign(": ")}${t("start.slot", { slot })}`}</option>`)}</select></div>
