@@ -185,6 +185,17 @@ def test_a_filter_that_matches_nothing_is_cleared(visitors, page, wanted):
     assert not any(field.input_value() for field in page.locator(".st-filter").locator("input, select").all())
 
 
+@pytest.mark.parametrize(
+    ("locale", "listed"), [("en", "With rate table, Ring-laser gyro"), ("zh", "现有：光纤陀螺，惯性单元")]
+)
+def test_limits_that_are_not_there_are_answered_with_the_names_of_the_others(visitors, address, locale, listed):
+    page = visitors.come(address, locale=locale)
+    visitors.of(page).forgives = re.compile("status of 404")
+    page.goto("/fleet?limits=nothing")
+    page.get_by_role("alert").get_by_text(listed).wait_for()
+    assert "rate_table" not in page.get_by_role("alert").inner_text()
+
+
 def test_every_point_of_a_chart_is_reached_by_keyboard_with_its_unit_value_and_day(page):
     page.goto("/fleet?q=L")
     page.get_by_role("group", name="Angle random walk of 48 units").wait_for()

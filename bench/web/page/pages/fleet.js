@@ -225,6 +225,9 @@ const DAYS = ["since", "until"];
 const planOf = (id) => planTitle({ id, title: id });
 const NAMED = { limits: (id) => limitsName(id), station: stationName, plan: planOf };
 
+/** An error about limits that are not there, which lists the others as the choice does. */
+const ofLimits = (error) => error?.message.startsWith("no limits ") ? { status: error.status, message: error.message.replace(/(?<=there are )[^;]+/, (ids) => ids.split(", ").map((id) => limitsName(id)).join(sign(", "))) } : error;
+
 /** Runs that do not count here, and how the simulated ones among them are seen. */
 function LeftOut({ fleet, simulated, choose }) {
   const reasons = fleet.left_out.map((text) => text.replace(/\((.*); --profile\)/, (_, names) => `(${names.split(", ").map((id) => `\`${planOf(id)}\``).join(sign(", "))})`));
@@ -267,7 +270,7 @@ export default function Fleet({ query: initial }) {
   return html`<div class="page stack">
     <div class="row spread"><h1>${t("fleet.title")}</h1>
       ${fleet?.units > 0 && html`<a class="button narrow" href=${`/api/v1/fleet.csv${query(params)}`} download>${t("fleet.csv")}</a>`}</div>
-    <${Trouble} error=${error ?? trouble} retry=${again} />
+    <${Trouble} error=${ofLimits(error) ?? trouble} retry=${again} />
     ${error && filtered && html`<p><button type="button" class="narrow" onClick=${clear}>${t("fleet.clear")}</button></p>`}
     ${!fleet && !error && html`<${Busy} />`}
     ${fleet && !fleet.registry && html`<${NoRegistry} build=${build} may=${may("engineer")} />`}
