@@ -32,6 +32,12 @@ WHOLE = (
 )  # fmt: skip
 """Modules below `bench/` whose every sentence a page shows."""
 
+STATION = (
+    *sorted(path.relative_to(ROOT) for path in (ROOT / "bench/acquisition/station/settings").glob("[a-z]*.py")),
+    "drivers/states.py", "drivers/units.py", "drivers/yaml12.py",
+)  # fmt: skip
+"""Modules that refuse a station file."""
+
 
 def bare(node: ast.expr) -> str:
     """A string of the source with `{}` for each value in it."""
@@ -88,6 +94,17 @@ def pieced(piece: str) -> bool:
     return True
 
 
+def raised(path: Path) -> set[str]:
+    """Strings of the functions of a module that refuse something."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    refusing = [
+        node for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and any(isinstance(part, ast.Raise) for part in ast.walk(node))
+    ]  # fmt: skip
+    parts = [part for node in refusing for part in ast.walk(node)]
+    return {bare(part) for part in parts if isinstance(part, ast.Constant | ast.JoinedStr)} & set(strings(path))
+
+
 def test_every_sentence_that_is_translated_is_one_that_the_code_says() -> None:
     """A sentence that was changed in the code alone would be English again."""
     whole = [english for english in language.sentences() if len(english.split()) > 2]
@@ -102,6 +119,13 @@ def test_what_a_page_shows_of_a_module_has_a_translation(module: str) -> None:
     pieces = {piece.strip(" ;:,.'()") for text in texts for piece in re.split(r"\{\}|[;:] |`[^`]*`", text)}
     words = [piece for piece in pieces if len(piece.split()) > 2 and not re.search(r"[*/(_]| [-+x] ", piece)]
     assert [piece for piece in words if piece not in known] == []
+
+
+@pytest.mark.parametrize("module", STATION, ids=str)
+def test_what_is_wrong_in_a_station_file_has_a_translation(module: Path | str) -> None:
+    known = "\n".join(PLACE.sub("{}", english) for english in language.sentences())
+    pieces = {piece.strip(" ;:,.'()[]") for text in raised(ROOT / module) for piece in re.split(r"\{\w*\}|[;:] ", text)}
+    assert [piece for piece in pieces if len(piece.split()) > 2 and piece not in known] == []
 
 
 @pytest.mark.parametrize(("spoken", "column"), [("uk", 0), ("zh", 1)])
@@ -167,6 +191,11 @@ SAMPLES = [
      "ambient_degc: ambient_degc = 23, а камера має від −42 до 5 °C: безпечного стану не було б"),
     ("chamber: lowest_degc (60) must be below highest_degc (5)", "zh",
      "温箱：lowest_degc（60）必须低于highest_degc（5）"),
+    ("faults[0]: on is 'moon': must be chamber, a bus, a unit or an instrument of this station", "uk",
+     "faults[0]: on = 'moon': має бути chamber, шина, виріб або прилад цього стенда"),
+    ("fixture.operator: must be 'asked' or 'simulated'", "uk", "fixture.operator: має бути 'asked' або 'simulated'"),
+    ("instruments[0].address: rtu:///dev/x is an address of Modbus, which has `modbus`", "zh",
+     "instruments[0].address：rtu:///dev/x是Modbus地址，应写`modbus`"),
     ("12 s", "zh", "12秒"),
     ("15,178,500", "uk", "15\u00a0178\u00a0500"),
     ("15,178,500", "zh", "15,178,500"),
