@@ -18,7 +18,7 @@ from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.commands import bench as command
 from tests.support.hidden_runs import HiddenUnit
-from tests.support.visiting import PATIENCE_MS, PHONE, TABLET, english, picture
+from tests.support.visiting import PATIENCE_MS, PHONE, TABLET, day_and_night, english, picture
 from tests.support.waiting import until
 
 
@@ -253,6 +253,7 @@ def test_a_calibration_that_was_cut_off_says_on_one_screen_how_it_goes_on(bench,
     os.kill(json.loads((bench.out / ".web" / "starts" / start / "start.json").read_text())["pid"], signal.SIGKILL)
     page.get_by_text("Its calibration can go on.").wait_for()
     assert not page.get_by_text("bench resume").count()
+    assert day_and_night(page) == []
     assert page.locator(".several-run .headline-what").bounding_box()["height"] < 80
     fails = []
     page.on("requestfinished", lambda request: fails.append(request.url) if request.response().status == 409 else None)

@@ -7,7 +7,6 @@ import re
 from dataclasses import dataclass
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 
 from bench.base import library
 from bench.commands.lots import calibrate_lot
@@ -19,10 +18,9 @@ from tests.support.page_modules import catalogue
 from tests.support.run_folders import make_run, ramp_run
 from tests.support.servers import serving
 from tests.support.unit_history import UNIT, unit_with_history
-from tests.support.visiting import DESKTOP, PHONE, TABLET, english, picture
+from tests.support.visiting import DESKTOP, PHONE, TABLET, axe, english, picture
 
 SEED = 7  # hides `aging`
-GRAVE = {"moderate", "serious", "critical"}
 GIVEN = {"simulated", "ramp"}
 """Names of a station and of segments, given by their files, that happen to be English words."""
 
@@ -108,17 +106,6 @@ def go(page, place, names, bench):
         page.locator(".wb-plot .main-svg").first.wait_for()
     page.locator(".spinner").first.wait_for(state="detached")
     page.evaluate("document.fonts.ready")
-
-
-def axe(page):
-    """Violations of moderate, serious and critical impact: rule, what it wants, where."""
-    found = Axe().run(page).response
-    return [
-        (one["id"], one["help"], node["target"], node.get("failureSummary"))
-        for one in found["violations"]
-        if one["impact"] in GRAVE
-        for node in one["nodes"]
-    ]
 
 
 SAID = """() => {

@@ -11,7 +11,7 @@ from bench.web.people import people
 from tests.support import bench_project
 from tests.support.bench_project import LONG, SLOW_UNIT, bench_over
 from tests.support.servers import site_over
-from tests.support.visiting import DESKTOP, PATIENCE_MS, PHONE, PICTURES, TABLET, picture
+from tests.support.visiting import DESKTOP, PATIENCE_MS, PHONE, PICTURES, TABLET, day_and_night, picture
 from tests.support.waiting import until
 
 
@@ -88,6 +88,7 @@ def fill_in_recipients(page):
     page.get_by_label("Run ended").uncheck()
     page.get_by_role("button", name="Save notices").click()
     page.get_by_text("Runs that start from now on tell them").wait_for()
+    assert day_and_night(page) == []
     assert (address.input_value(), address.get_attribute("placeholder")) == ("", "saved, not shown")
     assert "secret" not in page.content()
     page.get_by_role("button", name="Send everybody a trial").click()
@@ -493,6 +494,7 @@ def test_two_browsers_see_the_same(bench, visitors):
     one.locator(".log", has_text="hold by").wait_for()
     one.locator(".legend", has_text="mean over 30 s").wait_for()
     one.wait_for_function("document.title.startsWith('Holding · ')")
+    assert day_and_night(one) == []
     other.get_by_role("button", name="Продовжити").wait_for()
     assert same(drawn(one, run), until(lambda: (found := drawn(other, run)) and found[0] and found))
     other.get_by_role("button", name="Продовжити").click()
@@ -517,6 +519,7 @@ def test_a_run_that_was_cut_off_is_resumed_in_the_page(bench, visitors):
     resume.wait_for()
     assert page.locator(".notice.bad").inner_text() == CUT_OFF, "no command beside the button"
     picture(page, "live-cut-off")
+    assert day_and_night(page) == []
     other = visitors.come(bench.site.address)
     other.goto("/")
     other.get_by_role("link", name="Live 1").wait_for()

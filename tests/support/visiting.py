@@ -108,6 +108,19 @@ _SAID = """() => {
 _ENGLISH = re.compile(r"\b[a-z]{2,}(?: [a-z]{2,}){2,}")
 
 
+def axe(page):
+    """Violations of moderate, serious and critical impact: rule, what it wants, where."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response
+    return [
+        (one["id"], one["help"], node["target"], node.get("failureSummary"))
+        for one in found["violations"]
+        if one["impact"] in {"moderate", "serious", "critical"}
+        for node in one["nodes"]
+    ]
+
+
 def english(page):
     """Runs of English words, without what people or files have named, once the sentences have been fetched."""
     for _ in range(100):
@@ -115,4 +128,14 @@ def english(page):
         if not found:
             break
         page.wait_for_timeout(100)
+    return found
+
+
+def day_and_night(page):
+    """What is not accessible, in light and in dark colours."""
+    found = []
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        page.wait_for_function("(scheme) => document.documentElement.dataset.theme === scheme", arg=scheme)
+        found += axe(page)
     return found
