@@ -152,6 +152,10 @@ def test_effects_over_the_table_are_delivered_over_the_units_own_output():
         (make("temperature_rate"), "filter_s"),
         (make("expression", {"formula": "k * dT_dt * quadrature"}), "'dT_dt \\* quadrature' needs quadrature, dT_dt;"),
         (make("expression", {"formula": "k * lag(drive, 60)"}), "'lag\\(drive, 60\\)' needs drive, lag;"),
+        (
+            make("expression", {"formula": "k * (temperature - lag(temperature, 60))"}),
+            "only as the effect temperature_rate",
+        ),
         (make("expression", {"formula": "k * drive * quadrature * frequency"}), "needs frequency, drive, quadrature;"),
         (make("expression", {"formula": "k * sign(temperature - 20.3)"}), "change too fast"),
         (make("expression", {"formula": "k * quadrature * sin(temperature)"}), "change too fast"),

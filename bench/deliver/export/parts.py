@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from dataclasses import dataclass
 
 from bench.analysis import Effect, Expression
@@ -39,6 +40,10 @@ def channels_of(effect: Effect) -> tuple[str, ...]:
     if effect.name == "surface":
         return (str(getattr(effect, "over", "applied_rate")), "temperature")
     return effect.needs
+
+
+_BEHIND = re.compile(r"temperature - lag\(temperature, [\w.]+\)")
+"""How far the temperature is ahead of its lag: `temperature_rate` without its factors."""
 
 
 class UndeliverableError(InputError):
@@ -79,8 +84,11 @@ def _of_formula(effect: Expression) -> tuple[Part, ...]:
     for i, factor in enumerate(effect.parsed.factors):
         read = effect.parsed.read_by(factor)
         if len(read) > 2 or not set(read) <= set(_OF_A_MOMENT):
+            if _BEHIND.fullmatch(term := ast.unparse(factor)):
+                why = f"a unit takes '{term}' only as the effect temperature_rate with `filter_s`, which is the same"
+                raise UndeliverableError("expression", why)
             why = f"a unit evaluates terms of one or two of {', '.join(_OF_A_MOMENT)}, each at one moment, and "
-            raise UndeliverableError("expression", f"{why}'{ast.unparse(factor)}' needs {', '.join(read)}")
+            raise UndeliverableError("expression", f"{why}'{term}' needs {', '.join(read)}")
         terms.setdefault(read, []).append(i)
     forms = {1: (Shape.SPLINE, _MOST_PIECES), 2: (Shape.SURFACE, MOST_ORDER)}
     return tuple(Part(forms[len(read)][0], read, forms[len(read)][1], tuple(own)) for read, own in terms.items())
