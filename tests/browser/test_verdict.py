@@ -280,6 +280,30 @@ def test_the_verdict_on_each_quantity_is_in_sight_without_scrolling_sideways(sit
     assert set(page.locator(".verdict-reasons tr").evaluate_all(lines)) == {1}, "a line of paper for each quantity"
 
 
+@pytest.mark.parametrize(
+    ("locale", "word", "choose"),
+    [
+        ("en", "MEASURED", "Choose limits and repeat"),
+        ("uk", "ВИМІРЯНО", "Вибрати межі й повторити"),
+        ("zh", "已测完", "选择限值并重做"),
+    ],
+)
+def test_a_run_without_limits_says_so_and_where_they_are_chosen(site, visitors, locale, word, choose):
+    page = visitors.come(site[0], locale=locale)
+    unit = {"unit": "SIM-0001", "run": "SIM-0001/run", "verdict": "undecided", "sentence": "", "analysed": True,
+            "limits": None}  # fmt: skip
+    end = {"state": "done", "cause": "", "analysing": False, "units": [unit], "verdict": "undecided", "safe": True,
+           "safe_state": [], "requests": []}  # fmt: skip
+    run = {"run": "SIM-0001/run", "runs": ["SIM-0001/run"], "condition": "ended", "profile": "quick",
+           "station": "simulated", "ended": end}  # fmt: skip
+    page.route("**/api/v1/live/SIM-0001/run", lambda route: route.fulfill(json=run))
+    page.goto("/verdict/SIM-0001/run")
+    page.get_by_role("heading", name=word).wait_for()
+    assert page.locator("article.tone-good").count() == 1, "nothing looks like a failure"
+    page.get_by_role("link", name=choose).click()
+    page.locator("#limits").wait_for()
+
+
 def test_who_may_not_use_the_workbench_is_not_led_to_it(tmp_path, project, visitors):
     access = tmp_path / "access.yaml"
     tokens = {role: people.add_person(access, role, role) for role in ("operator", "engineer")}

@@ -67,6 +67,7 @@ export default function Verdict({ params }) {
   const fault = end.state !== "done";
   const kind = kindOf(answer);
   const twice = kind && answer.limits?.results?.some(({ name, value }) => name === "residual_rms_dph" && value !== null); // its sentence says it again
+  const unlimited = !fault && !run?.job && units.every(({ analysed, limits, verified }) => analysed && !limits && !verified);
   const alike = units.filter((_, index) => words[index] === word);
   const steps = stepsOf(units, words, (one, unit) => next(one, end, answers[unit.run]));
   const good = units.filter((unit, index) => ["pass", "marginal"].includes(words[index]) && answers[unit.run]);
@@ -80,6 +81,7 @@ export default function Verdict({ params }) {
       ${answer?.limits && word !== "not_started" && html`<${Reasons} limits=${answer.limits} kind=${kind} of=${units.length > 1 && shown.unit} />`}
       ${good.length > 0 && html`<${Achieved} run=${answers[good[0].run]} whose=${named(good)} />`}
       ${fault ? html`<${Fault} end=${end} />` : !twice && units.length === 1 && units[0].sentence && html`<p class="verdict-detail"><${Said} text=${units[0].sentence} /></p>`}
+      ${unlimited && html`<p class="verdict-detail">${t("verdict.no_limits")}${sign(" ")}${may("operator") && run?.runs && html`<a href=${repeat(run)}>${t("verdict.no_limits.choose")}</a>`}</p>`}
       <section class="verdict-next" aria-labelledby="next"><h2 id="next">${t("verdict.next")}</h2>
         ${run?.runs && !run.job && may("operator") && end.cause?.startsWith(KILLED) ? html`<${GoOn} run=${end.run} />` : steps.map(([step, some]) => html`<p key=${step}>${named(some)}${t(step, { n: some.length })}</p>`)}
         ${!fault && !end.analysing && units.some(({ analysed }) => !analysed) && may("operator") && html`<${Analyse} units=${units} again=${run?.again} />`}</section>

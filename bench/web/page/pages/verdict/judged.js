@@ -16,7 +16,7 @@ export function judged(end, unit) {
   if (end.state === "aborted") return "aborted";
   if (unit.limits?.toLowerCase() in WORDS) return unit.limits.toLowerCase();
   if (!unit.analysed && !end.analysing) return "not_analysed";
-  if (unit.verdict in WORDS) return unit.verdict;
+  if (unit.verdict in WORDS && (unit.verdict !== "undecided" || unit.limits)) return unit.verdict; // without limits nothing was to be decided
   return end.analysing ? "analysing" : "measured";
 }
 
