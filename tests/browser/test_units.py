@@ -130,10 +130,11 @@ def test_the_slot_of_the_run_is_chosen_for_its_unit_and_can_be_changed(page):
     assert station.locator("option:checked").inner_text() == "Four units: Slot of SIM-0002"
 
 
-def test_a_run_that_is_done_and_judged_by_nothing_says_so(page):
+@pytest.mark.parametrize("verdict", [None, "undecided"])
+def test_a_run_that_is_done_and_judged_by_nothing_says_so(page, verdict):
     def unjudged(route):
         unit = route.fetch().json()
-        unit["runs"][0] |= {"judged": None, "verdict": None, "state": "done"}
+        unit["runs"][0] |= {"judged": None, "verdict": verdict, "state": "done"}
         route.fulfill(json=unit)
 
     page.route(f"**/api/v1/units/{UNIT}?*", unjudged)

@@ -51,7 +51,7 @@ export const Verdict = ({ word }) => word && html`<${Lamp} tone=${toneOf(word)}>
 
 /** Result of a run: its verdict against limits, else that of the analysis, else its state. */
 export function Outcome({ run }) {
-  const word = run.judged ?? run.verdict;
+  const word = run.judged ?? (run.verdict === "undecided" ? null : run.verdict); // without limits nothing was to be decided
   if (run.state && (run.state !== "done" || !word)) return html`<${Lamp} tone=${STATES[run.state] ?? "warn"}>${or(`units.state.${run.state}`, run.state)}<//>`;
   return html`<${Verdict} word=${word} />`;
 }
