@@ -7,7 +7,7 @@ const WORDS = {
   equipment_failed: "bad", not_started: "warn", fail: "bad", invalid: "warn", aborted: "idle", partial: "bad", no_data: "bad",
   not_analysed: "warn", unproven: "warn", marginal: "warn", model_error: "warn", unknown_effect: "warn", missing_effect: "warn",
   undecided: "warn",
-  analysing: "link", measured: "good", adequate: "good", pass: "good",
+  analysing: "link", measured: "link", adequate: "good", pass: "good",
 };
 
 /** Key of the verdict on a unit: `end` is that of the run, `unit` its {verdict, limits, analysed}. */
