@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bench.analysis.diagnosis.decision import decide, explains
+from bench.analysis.diagnosis.decision import decide, explains, with_formulas
 from bench.analysis.diagnosis.describing import _doubted
 from bench.analysis.diagnosis.diagnose import _of_check, borne_out, diagnose, proved_first
 from bench.analysis.diagnosis.held_out import Unseen
@@ -115,6 +115,10 @@ def test_an_effect_on_the_bound_of_its_time_constant_gives_way_to_a_formula_that
     tau_s = float(re.search(r"lag\(temperature, ([\d.]+)\)", answer.formulas[0].formula)[1])
     assert tau_s == pytest.approx(1500.0, rel=0.1)
     assert answer.formulas[0].proof.proved
+    beside = replace(answer.formulas[0], beside=("warm_up",))
+    other = with_formulas(answer, (beside,), answer.floor_dph, instead=True)
+    assert (other.nearest, other.found) == ("", ()), "an effect that the formula does not stand beside is not named"
+    assert "nearest entry" not in sentence(other, drifts=False)
 
 
 def test_a_formula_with_a_parameter_on_its_bound_is_not_proved_like_an_effect():

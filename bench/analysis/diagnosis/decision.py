@@ -102,6 +102,8 @@ def with_formulas(
         beside = formulas[0].beside
         near = [suspect for suspect in answer.found if suspect.proved] or answer.found
         nearest = answer.nearest or (near[0].effect if near and not beside else "")
+        if beside and nearest not in beside:
+            nearest = ""
         stay = set(beside) or {one.effect for one in answer.found if one.proof.falls is not False} | {nearest}
         kept = tuple(replace(one, found=one.found and one.effect in stay) for one in answer.suspects)
         # What the effects left that a formula takes the place of beside others is not left any more.
