@@ -39,7 +39,7 @@ def test_from_serial_number_to_verdict(bench, visitors):
     page.keyboard.type("sim-0001")
     page.keyboard.press("Enter")
     page.get_by_role("button", name=re.compile("^Embedded station 1 unit")).click()
-    page.get_by_role("button", name=re.compile("^short")).click()
+    page.get_by_role("button", name=re.compile("^short Temperature")).click()
     page.get_by_text("Check passed").wait_for()
     page.get_by_label("Judge by these limits").select_option("short")
     later = page.get_by_label("Not before")

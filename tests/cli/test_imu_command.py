@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -92,7 +93,9 @@ def test_what_a_plan_cannot_determine_is_refused_by_name(folder):
 def calibrated(folder):
     """The folder with the record, and the answer; two soaks determine scale factors of order 1."""
     words = "--json", "--out", str(folder / "cal"), "--unit", "SIM-IMU-0001"
-    return folder / "cal", asked(folder, *words, orders={"bias": 2, "scale_factor": 1})
+    answer = asked(folder, *words, orders={"bias": 2, "scale_factor": 1})
+    shutil.copy(folder / "changed.yaml", folder / "cal.yaml")
+    return folder / "cal", answer
 
 
 def test_the_result_is_kept_as_a_record_that_names_what_it_was_made_from(folder, calibrated):
@@ -101,7 +104,7 @@ def test_the_result_is_kept_as_a_record_that_names_what_it_was_made_from(folder,
     assert found["files"] == [str(out / name) for name in ("imu.json", "parameters.csv", "report.html")]
     assert record.unit == "SIM-IMU-0001"
     digests = {source.file: source.sha256 for source in record.sources}
-    assert digests == {name: sha256(folder / name) for name in ("imu.csv", "changed.yaml")}
+    assert digests == {"imu.csv": sha256(folder / "imu.csv"), "changed.yaml": sha256(folder / "cal.yaml")}
     assert [one.value for one in record.parameters] == [one["value"] for one in found["parameters"]]
     assert len(record.time_s) == found["rows"]
     assert list(record.undetermined) == found["undetermined"]
