@@ -18,13 +18,14 @@ from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.diagnosis.probes import Finding
-from bench.analysis.diagnosis.proof import LeftOut
+from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.verdict import Search
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
+from bench.analysis.judging.diagnosed import improvement_rungs
 from bench.analysis.noise.likelihood import NoiseLattice
 from bench.base.errors import InputError
 from bench.cli.rendering import lines
@@ -129,6 +130,11 @@ def test_an_effect_beside_another_that_the_check_run_speaks_against_is_not_found
     run, check = supplied(unit.run("short", 1), size), unit.run("minor_loops", 2)
     both = diagnose([run], SPLINE, check=[supplied(check, size)], static=still, candidates=FEW)
     assert {suspect.effect for suspect in both.found} == {"thermal_lag", "supply_voltage"}
+    proofs = Proof(), Proof("check", 0.2, 0.1, 9.0)
+    first, second = (replace(one, proof=proof) for one, proof in zip(both.found, proofs, strict=True))
+    doubted = replace(both, verdict="missing_effect", suspects=(first, second))
+    ladder = [rung.name for rung in improvement_rungs(doubted, [run], [check])]
+    assert ladder == ["spline", f"+ {second.effect}", f"+ {first.effect}"], "what is proved comes first"
     one = diagnose([run], SPLINE, check=[supplied(check, -size)], static=still, candidates=FEW)
     assert [suspect.effect for suspect in one.found] == ["thermal_lag"]
 

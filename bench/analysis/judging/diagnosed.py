@@ -89,13 +89,15 @@ def diagnosed(  # noqa: PLR0913, PLR0917 - what a diagnosis rests on
 
 
 def improvement_rungs(answer: Diagnosis, runs: Sequence[Dataset], check: Sequence[Dataset]) -> tuple[Rung, ...]:
-    """The model, each effect found added to it, strongest first, then the rivals of the strongest; on the same runs."""
+    """The model, each effect found added to it, what is proved before what is not, strongest first, then the rivals of
+    the strongest; on the same runs.
+    """
     rungs = [Rung(answer.model.name, answer.rms_dph, answer.held_out_rms_dph)]
     if answer.found:
         base = fit_model(answer.model, runs, covariance="none", weights="count")
         rows = fit_rows(base.model, tuple(runs), [np.isfinite(residual) for residual in base.residuals])
         theta = np.array(list(base.theta.values()), dtype=np.float64)
-        for suspect in answer.found:
+        for suspect in sorted(answer.found, key=lambda one: one not in answer.named):
             rows = replace(rows, model=rows.model.adding(suspect.model.effects[-1]))
             theta = np.append(theta, suspect.theta)
             rungs.append(_rung(f"+ {suspect.effect}", rows, theta, tuple(check)))
