@@ -196,6 +196,11 @@ SAMPLES = [
     ("fixture.operator: must be 'asked' or 'simulated'", "uk", "fixture.operator: має бути 'asked' або 'simulated'"),
     ("instruments[0].address: rtu:///dev/x is an address of Modbus, which has `modbus`", "zh",
      "instruments[0].address：rtu:///dev/x是Modbus地址，应写`modbus`"),
+    ("run U-1/20261101T000000Z_ramp is running: only an ended run can be analysed", "uk",
+     "прогін U-1/20261101T000000Z_ramp: триває: аналізувати можна лише закінчений прогін"),
+    ("run U-1/20261101T000000Z_ramp is unfinished: only an ended run can be analysed; “Resume” on the page of its "
+     "verdict goes on with it", "zh",
+     "试验U-1/20261101T000000Z_ramp：未完成：只能分析已结束的试验；可在其判定页按“继续”"),
     ("12 s", "zh", "12秒"),
     ("15,178,500", "uk", "15\u00a0178\u00a0500"),
     ("15,178,500", "zh", "15,178,500"),

@@ -233,7 +233,7 @@ def test_an_address_that_does_not_exist_is_said_with_a_way_on(bench, visitors, a
 
 
 def test_a_run_that_was_cut_off_has_no_verdict_but_a_sentence_and_a_way_on(bench, runs, visitors):
-    cut = "CUT-1/20261101T000000Z_ramp"
+    cut = "CUT-1/20261101T000000Z_ramp_-40_85"
     (runs[0] / cut / "journal").mkdir(parents=True)
     page = visitors.come(bench.site.address)
     visitors.of(page).forgives = re.compile("status of 409")
@@ -243,6 +243,8 @@ def test_a_run_that_was_cut_off_has_no_verdict_but_a_sentence_and_a_way_on(bench
     assert axe(page) == []
     page.get_by_role("link", name="Deliver and check").click()
     page.get_by_role("heading", name="CUT-1").wait_for()
+    named = " ".join(page.locator(".st-head .soft").inner_text().split())
+    assert re.fullmatch(r"Calibration, −40 to 85 °C · [^–·]* 2026[^–·]*", named)
 
 
 def test_a_page_that_was_left_holds_no_connection(bench, visitors):

@@ -142,7 +142,7 @@ def test_languages_of_the_page_are_those_of_the_catalogues() -> None:
 
 
 def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
-    """Green means that the data was analysed."""
+    """Green means that the run was judged good."""
     script = """
     const { judged, toneOf } = page;
     const told = (word) => [word, toneOf(word)];
@@ -155,7 +155,7 @@ def test_a_run_that_nobody_analysed_is_a_warning_and_never_measured() -> None:
     """
     assert told("pages/verdict/judged.js", script) == [
         ["not_analysed", "warn"],
-        ["measured", "good"],
+        ["measured", "link"],
         ["analysing", "link"],
         ["aborted", "idle"],
         ["pass", "good"],

@@ -504,6 +504,7 @@ def test_a_run_that_goes_on_is_not_analysed(client: httpx.Client, store: Path) -
     (store / "SIM-0001" / "live" / "journal").mkdir(parents=True)
     answer = client.post(f"{API}/analyses", json={"runs": ["SIM-0001/live"], "models": [SPLINE]})
     assert (answer.status_code, "only an ended run" in answer.json()["detail"]) == (409, True)
+    assert "`bench" not in answer.json()["detail"], "the page has a button"
 
 
 def test_viewers_look_and_engineers_compute(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:

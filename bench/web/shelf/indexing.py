@@ -235,8 +235,8 @@ def resolved(request: Request, ids: Sequence[str]) -> list[dict[str, str]]:
     for id_ in dict.fromkeys(ids):
         entry = index.entry(id_)
         if not entry.content:
-            text = "only an ended run can be analysed; `bench resume` or `bench report` recover an interrupted one"
-            raise HTTPException(409, f"run {id_} is {entry.state}: {text}")
+            again = "; “Resume” on the page of its verdict goes on with it" if entry.state == UNFINISHED else ""
+            raise HTTPException(409, f"run {id_} is {entry.state}: only an ended run can be analysed{again}")
         unit, _, run = id_.partition("/")
         entries.append({"run": id_, "path": str(index.folder(unit, run)), "content": entry.content})
     return entries

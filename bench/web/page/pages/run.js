@@ -8,7 +8,7 @@ import { may } from "../lib/store.js";
 import { duration, moment, sign, t } from "../lib/words.js";
 import { Signed } from "./calibrations/signed.js";
 import { OperatorField, operatorOf } from "./start/operator.js";
-import { isOffered, limitsName, planName, planTitle, runName, stationName } from "../lib/names.js";
+import { isOffered, limitsName, planName, planTitle, runName, runTitle, stationName } from "../lib/names.js";
 import { Outcome, useGet, Verdict } from "./stock/parts.js";
 import { Said } from "../lib/said.js";
 import { inSlot } from "../lib/units.js";
@@ -163,9 +163,11 @@ export default function Run({ params }) {
   if (error?.status === 404) return html`<div class="page stack">${head}<${Unknown} title=${params.unit} what=${t("live.unknown", { run: runName(`${params.unit}/${params.run}`) })} way="/units" words=${t("units.all")} /></div>`;
   if (!run) return html`<div class="page stack">${head}${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
   const { manifest } = run;
+  const about = manifest.profile ? [planName(manifest), moment(manifest.created)] : [runTitle(run.run)]; // a run that goes on has no manifest
+  if (Number.isFinite(manifest.duration_s)) about.push(duration(manifest.duration_s));
   const link = encodeURIComponent(run.run);
   return html`<div class="page stack run">${head}
-    <div class="st-head"><h1>${run.unit}</h1><span class="soft">${planName(manifest)} · ${moment(manifest.created)} · ${duration(manifest.duration_s)}</span>
+    <div class="st-head"><h1>${run.unit}</h1><span class="soft">${about.join(" · ")}</span>
       <${Outcome} run=${{ state: run.state, judged: run.limits?.verdict, verdict: run.verdict }} /></div>
     <p class="mono small soft">${run.run}</p>
     ${run.sentence && html`<p><${Said} text=${run.sentence} /></p>`}
