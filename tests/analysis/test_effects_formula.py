@@ -51,6 +51,14 @@ def test_a_formula_is_the_sum_of_its_amplitudes_times_their_factors(formula, bou
     assert len(effect.physical().labels) == len(expected)
 
 
+def test_a_temperature_ahead_of_its_lag_is_the_filtered_rate_of_temperature_but_for_a_factor():
+    """As the export says of it: a unit has the rate [degC/min]."""
+    ahead = make("k * (temperature - lag(temperature, 60 * 5))").columns(DATA, {})
+    rate = effects.make("temperature_rate", {"filter_s": 300.0}).columns(DATA, {})
+    assert np.ptp(rate) > 1.0
+    assert_allclose(rate, ahead * 60.0 / 300.0, atol=1e-12)
+
+
 def test_channels_become_needs_and_bounds_become_parameters():
     effect = make("k*dT_dt*lag(quadrature, tau_s)", tau_s=[10, 1000])
     assert effect.needs == ("temperature", "quadrature")

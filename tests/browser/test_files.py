@@ -5,6 +5,7 @@ from urllib.parse import quote
 
 import pytest
 
+from bench.commands import init
 from bench.web.people import people
 from tests.support.servers import site_over
 
@@ -25,6 +26,21 @@ def test_a_file_that_does_not_exist_is_said_with_a_way_on(address, visitors):
     gone.wait_for(state="detached")
     page.get_by_label("File", exact=True).select_option("short")
     page.get_by_label("Text of the file").wait_for()
+
+
+def test_a_copy_of_a_shipped_profile_has_its_name_until_it_is_changed(tmp_path, visitors):
+    init(tmp_path)
+    own = tmp_path / "profiles" / "one_rate.yaml"
+    own.write_text(own.read_text().replace("name: one_rate", "name: one_rate_mine"))
+    with site_over(tmp_path / "out", project=tmp_path) as site:
+        page = visitors.come(site.address)
+        visitors.may_lose_the_server(page)
+        page.goto("/files?kind=profiles&id=quick")
+        page.get_by_role("heading", name="Quick run, 0 to 50 °C").wait_for()
+        named = page.get_by_label("File", exact=True).locator("option").all_inner_texts()
+    assert [one.split(" · ")[0].replace("\u00a0", " ") for one in named if "uick run" in one or "one_rate" in one] == [
+        "one_rate", "Quick run, 0 to 50 °C",
+    ]  # fmt: skip
 
 
 def test_changes_that_are_not_saved_are_not_lost_without_a_question(address, visitors):

@@ -14,13 +14,13 @@ from fastapi import APIRouter, HTTPException, Request
 from fastapi import Path as Part
 from pydantic import BaseModel, Field
 
-from bench.base import read_text
+from bench.base import library, read_text
 from bench.record import slug, write_atomically
 from bench.web.ground.problems import one_line
 from bench.web.ground.settings import Here, Settings
 from bench.web.jobs.jobs import Asked, submit
 from bench.web.people.access import Engineer
-from bench.web.plans.catalog import Catalog, loaded, named
+from bench.web.plans.catalog import Catalog, is_shipped, loaded, named
 from bench.web.plans.checking import FILE_NAME, Name
 
 router = APIRouter(tags=["plans"])
@@ -30,7 +30,7 @@ MOST_SIGNS = 200_000
 
 
 class Listed(BaseModel):
-    """Ids by kind; those of `own` are the user's own files."""
+    """Ids by kind; those of `own` are the user's own files, those of `changed` differ from any that is shipped."""
 
     profiles: list[str]
     stations: list[str]
@@ -38,6 +38,7 @@ class Listed(BaseModel):
     plans: list[str]
     """Those of calibrations."""
     own: dict[str, list[str]]
+    changed: dict[str, list[str]]
 
 
 class Text(BaseModel):
@@ -67,7 +68,11 @@ def files(here: Here) -> Listed:
     """Profiles, stations, limits and plans that can be edited."""
     found = {kind: _files(kind, here) for kind in get_args(Kind)}
     own = {kind: [id_ for id_, path in known.items() if _is_own(path, here)] for kind, known in found.items()}
-    return Listed(own=own, **{kind: list(known) for kind, known in found.items()})
+    changed = {
+        kind: [id_ for id_ in ids if not is_shipped(found[kind][id_], _place(kind, library()) / f"{id_}.yaml")]
+        for kind, ids in own.items()
+    }
+    return Listed(own=own, changed=changed, **{kind: list(known) for kind, known in found.items()})
 
 
 @router.get("/files/{kind}/{id}")
@@ -82,7 +87,8 @@ def file(kind: Kind, id: Id, here: Here) -> Text:
 def check(kind: Kind, id: Id, draft: Draft, request: Request, here: Here, who: Engineer) -> Asked:
     """Request the check of a text, with the findings by line; of a profile also `bench check` on a station."""
     station = named(Catalog(here.project, here.own).stations(), draft.station, "station")
-    places = {"file": str(_place(kind, here) / f"{id}.yaml"), "station": str(station), "project": str(here.project)}
+    path = _place(kind, here.project / "profiles") / f"{id}.yaml"
+    places = {"file": str(path), "station": str(station), "project": str(here.project)}
     wanted = {"kind": kind, "text": draft.text, **places}
     return submit(request, "check", "bench.web.plans.catalog:drafted", wanted)
 
@@ -94,7 +100,7 @@ def save(kind: Kind, id: Id, saved: Saved, here: Here, who: Engineer) -> Text:
         raise HTTPException(400, f"name is '{id}', which not every computer can keep: take '{slug(id)}'")
     existing = _files(kind, here).get(id)
     refuse_changed(existing, saved.digest, f"{kind}/{id}")
-    path = _place(kind, here) / f"{id}.yaml"
+    path = _place(kind, here.project / "profiles") / f"{id}.yaml"
     if existing is None and path.exists():
         raise HTTPException(409, f"{kind}/{id} is a file of another kind: take another name")
     _, errors = loaded(kind, saved.text, str(path), here.project)
@@ -112,9 +118,8 @@ def _files(kind: str, here: Settings) -> dict[str, Path]:
     return listed[kind]()
 
 
-def _place(kind: str, here: Settings) -> Path:
-    own = here.project / "profiles"
-    return own.resolve() if kind == "profiles" else (own / kind).resolve()
+def _place(kind: str, profiles: Path) -> Path:
+    return (profiles if kind == "profiles" else profiles / kind).resolve()
 
 
 def _is_own(path: Path, here: Settings) -> bool:

@@ -18,8 +18,8 @@ const KINDS = ["profiles", "stations", "limits", "plans"];
 const DONE = ["profiles", "plans"];
 const PAUSE_MS = 600;
 
-/** Name of a file; a profile of one's own has that of its file, whatever the shipped one says. */
-const titleOf = (kind, id, own) => ({ profiles: () => planTitle({ id, title: id, shipped: !own }), stations: () => stationName(id), limits: () => limitsName(id), plans: () => planTitle({ id, title: id, shipped: !own, calibration: true }) })[kind]();
+/** Name of a file; a profile that is not as it was shipped has that of its file, whatever the shipped one says. */
+const titleOf = (kind, id, changed) => ({ profiles: () => planTitle({ id, title: id, shipped: !changed }), stations: () => stationName(id), limits: () => limitsName(id), plans: () => planTitle({ id, title: id, shipped: !changed, calibration: true }) })[kind]();
 
 /** The check of a text, asked for a moment after the last key: {result, error, busy}. */
 function useDraft(kind, id, text, station) {
@@ -59,7 +59,7 @@ function Editor({ text, wrong, change, focus, closed }) {
       onInput=${(event) => change(event.target.value)} onScroll=${(event) => (numbers.current.scrollTop = event.target.scrollTop)}></textarea></div>`;
 }
 
-function File({ kind, id, stations, saved }) {
+function File({ kind, id, title, stations, saved }) {
   const [file, setFile] = useState(/** @type {any} */ (null));
   const [text, setText] = useState(/** @type {string | null} */ (null));
   const [name, setName] = useState(id);
@@ -95,7 +95,7 @@ function File({ kind, id, stations, saved }) {
   const warnings = findings.filter(({ level }) => level === "warning").length;
   const tone = check.result?.ok === false ? "bad" : warnings ? "warn" : "good";
   return html`<form class="edit-file stack" onSubmit=${save}>
-    <h2>${titleOf(kind, id, file.own)} <span class="small soft mono">${id}.yaml</span></h2>
+    <h2>${title} <span class="small soft mono">${id}.yaml</span></h2>
     <p class="small soft">${t(file.own ? "files.own" : "files.shipped")}</p>
     <div class=${DONE.includes(kind) ? "edit-two" : undefined}>
       <div class="stack"><${Editor} text=${text} wrong=${new Set(findings.filter(({ level }) => level === "error").map(({ line }) => line))} focus=${focus} closed=${!mine} change=${(next) => {
@@ -129,6 +129,7 @@ export default function Files({ query }) {
     remember({ kind, id: next });
   };
   if (!data) return html`<div class="page">${error ? html`<${Trouble} error=${error} retry=${again} />` : html`<${Busy} />`}</div>`;
+  const title = (one) => titleOf(kind, one, data.changed[kind].includes(one));
   return html`<div class="page stack"><h1>${t("files.title")}</h1><p class="soft">${t("files.what")}</p>
     <div class="row"><div class="field"><label for="files-kind">${t("files.kind")}</label>
         <select id="files-kind" value=${kind} onChange=${(event) => choose(event, kind, (next) => {
@@ -137,8 +138,8 @@ export default function Files({ query }) {
         })}>${KINDS.map((one) => html`<option key=${one} value=${one} selected=${one === kind}>${t(`files.${one}`)}</option>`)}</select></div>
       <div class="field"><label for="files-id">${t("files.file")}</label>
         <select id="files-id" value=${id} onChange=${(event) => choose(event, id, open)}><option value="">${t("files.choose")}</option>
-          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${titleOf(kind, one, data.own[kind].includes(one))}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
-    ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} stations=${data.stations} saved=${(name) => {
+          ${data[kind].map((one) => html`<option key=${one} value=${one} selected=${one === id} title=${one}>${title(one)}${data.own[kind].includes(one) ? ` · ${t("files.mine")}` : ""}</option>`)}</select></div></div>
+    ${id && html`<${File} key=${`${kind} ${id}`} kind=${kind} id=${id} title=${title(id)} stations=${data.stations} saved=${(name) => {
       again();
       if (name !== id) open(name);
     }} />`}
