@@ -34,7 +34,8 @@ WHOLE = (
 
 STATION = (
     *sorted(path.relative_to(ROOT) for path in (ROOT / "bench/acquisition/station/settings").glob("[a-z]*.py")),
-    "drivers/states.py", "drivers/units.py", "drivers/yaml12.py",
+    "drivers/states.py", "drivers/units.py", "drivers/yaml12.py", "drivers/register.py", "drivers/register_map.py",
+    "drivers/instrument.py", "drivers/wire.py", "drivers/interfaces.py",
 )  # fmt: skip
 """Modules that refuse a station file."""
 
@@ -201,6 +202,14 @@ SAMPLES = [
     ("run U-1/20261101T000000Z_ramp is unfinished: only an ended run can be analysed; “Resume” on the page of its "
      "verdict goes on with it", "zh",
      "试验U-1/20261101T000000Z_ramp：未完成：只能分析已结束的试验；可在其判定页按“继续”"),
+    ("m.yaml:12: registers.pv.address: takes addresses 4 to 5, as sv does; correct one of them, or give both a `mask`",
+     "uk", "m.yaml:12: registers.pv.address: займає адреси від 4 до 5, як і sv; виправте одне з них або дайте обом "
+     "`mask`"),
+    ("m.yaml:3: function code 6 writes one word; use 16", "zh", "m.yaml:3：功能码6只写一个字；请用16"),
+    ("can0 (foo can0): python-can has no interface 'foo'; it has gs_usb, kvaser", "uk",
+     "can0 (foo can0): python-can не має інтерфейсу 'foo'; є gs_usb, kvaser"),
+    ("setpoint cannot be set to 300 degC; limits -70 to 180", "uk",
+     "setpoint: не можна задати 300 °C; межі від −70 до 180"),
     ("12 s", "zh", "12秒"),
     ("15,178,500", "uk", "15\u00a0178\u00a0500"),
     ("15,178,500", "zh", "15,178,500"),

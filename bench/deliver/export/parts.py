@@ -85,7 +85,8 @@ def _of_formula(effect: Expression) -> tuple[Part, ...]:
         read = effect.parsed.read_by(factor)
         if len(read) > 2 or not set(read) <= set(_OF_A_MOMENT):
             if _BEHIND.fullmatch(term := ast.unparse(factor)):
-                why = f"a unit takes '{term}' only as the effect temperature_rate with `filter_s`, which is the same"
+                why = f"a unit takes '{term}' only as the effect temperature_rate with `filter_s`, which is the same "
+                why += "but for a factor"
                 raise UndeliverableError("expression", why)
             why = f"a unit evaluates terms of one or two of {', '.join(_OF_A_MOMENT)}, each at one moment, and "
             raise UndeliverableError("expression", f"{why}'{term}' needs {', '.join(read)}")
