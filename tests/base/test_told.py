@@ -340,12 +340,15 @@ def test_a_product_is_told_factor_by_factor(english: str, own: str) -> None:
 
 def test_a_channel_within_a_sentence_has_no_capital_letter() -> None:
     english = "the drive times time"
+    lacking = "M1 lacks thermal_lag or clock_delay"
     script = f"""
     globalThis.document = {{ documentElement: {{}} }};
     const words = await import(new URL("{page_modules.SOURCE.as_uri()}/lib/words.js"));
     await words.speak("uk");
     await words.speakOfAll(); // with the names of channels, which begin the rows of a table
-    console.log(JSON.stringify(page.told(given, 'uk')));
+    console.log(JSON.stringify(given.map((text) => page.told(text, 'uk'))));
     """
-    said = page_modules.told("lib/told.js", script, english)
+    said, of_effects, alone = page_modules.told("lib/told.js", script, [english, lacking, "thermal_lag"])
+    assert of_effects == "моделі M1 бракує: теплове запізнення або запізнення годинника"
+    assert alone == "Теплове запізнення"
     assert said == language.told(english, "uk") == "амплітуда збудження × час"

@@ -30,8 +30,11 @@ function plain(text, column) {
     const parts = text.split(" ").map((part) => tell(part, column) ?? (BARE.test(part) ? part : null));
     return parts.includes(null) ? null : parts.join(" ").replace(TIGHT, "");
   }
-  return or(`workbench.effect.${text}`, null) ?? or(`import.channel.${text}`, null);
+  return named(text)?.replace(/^\p{Lu}(?!\p{Lu})/u, (letter) => letter.toLowerCase()) ?? null; // in a sentence
 }
+
+/** An effect or a channel by its name. */
+const named = (text) => or(`workbench.effect.${text}`, null) ?? or(`import.channel.${text}`, null);
 
 /** Whether a person wrote what stands at a place. */
 const peoples = (name, value) => rules.kept.includes(name) || (name in rules.own && !whole(rules.own[name]).test(value));
@@ -76,7 +79,7 @@ function tell(text, column) {
 }
 
 /** The text in a language; null where no sentence of it is known. */
-export const told = (text, spoken) => (spoken in rules.columns ? tell(text, rules.columns[spoken]) : null);
+export const told = (text, spoken) => (spoken in rules.columns ? named(text) ?? tell(text, rules.columns[spoken]) : null);
 
 const MEANT = new RegExp(`^(?:${rules.number}|${rules.measured}|${rules.bare})$`);
 
