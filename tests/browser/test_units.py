@@ -446,6 +446,14 @@ def test_how_a_table_was_read_is_no_warning_and_time_has_a_range(page, tmp_path)
     time.get_by_text("0 … 3999 s (1 h 07 min)").wait_for()
 
 
+def test_the_step_of_a_table_has_the_unit_of_the_language(visitors, address, tmp_path):
+    path = tmp_path / "zh.csv"
+    path.write_text("t [s],rate [deg/h],T [degC]\n" + "".join(f"{i},{i % 7},{20 + i / 50}\n" for i in range(4000)))
+    page = visitors.come(address, locale="zh-CN")
+    offered(page, path)
+    assert page.get_by_text("一行。").inner_text().endswith("，每1秒一行。")
+
+
 def test_rows_that_are_counted_get_their_time_from_the_step_of_a_sample(page, tmp_path):
     path = tmp_path / "counted.csv"
     rows = "".join(f"{i},{i % 3},{i % 5},1,{20 + i / 100}\n" for i in range(400))

@@ -308,6 +308,12 @@ def test_every_shipped_file_that_is_chosen_has_a_name_in_the_readers_language() 
     assert [f"{kind}.{path.stem}" for kind, path in shipped if f"{kind}.{path.stem}" not in known] == []
 
 
+def test_an_arrow_of_a_figure_has_the_colour_of_its_words_and_hides_no_point() -> None:
+    """By itself plotly draws it dark, also at night."""
+    script = "console.log(JSON.stringify(page.themed({ annotations: [{ text: 'a' }] }, { ink: '#eee' }).annotations))"
+    assert told("lib/figure.js", script) == [{"arrowcolor": "#eee", "standoff": 5, "text": "a"}]
+
+
 def test_a_day_is_not_broken_into_lines() -> None:
     for language, written in (("en", "Nov 23, 2026"), ("uk", "23 лист. 2026 р.")):
         said = spoken("lib/words.js", "day", ["2026-11-23T12:00:00Z"], language)

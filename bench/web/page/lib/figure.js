@@ -60,6 +60,7 @@ export function themed(layout, colours, zoom = {}) {
       zerolinecolor: colours.line, ...(zoom[key] ? { range: [...zoom[key]], autorange: false } : {}),
     };
   }
+  if (layout.annotations) out.annotations = layout.annotations.map((one) => ({ arrowcolor: colours.ink, standoff: 5, ...one }));
   out.hoverlabel = { bgcolor: colours.paper, bordercolor: colours.soft, font: { color: colours.ink } };
   return out;
 }

@@ -122,7 +122,7 @@ function Understood({ shown, kinds, choice, change, busy }) {
     <details class="st-further"><summary>${t("import.further")}</summary>${table(kinds.channels.filter((kind) => !there(kind)))}</details>
     ${rest.length > 0 && html`<div class="row soft"><span>${t("import.rest")}</span>${rest.slice(0, MOST_OFFERED).map(({ name }) => (spare ? html`<button key=${name} title=${t("import.use", { column: name, channel: channelWord(spare) })} onClick=${() => change(spare, { column: name, unit: "" })}>+ ${name}</button>` : html`<span key=${name}>${name}</span>`))}
       <span>${rest.slice(MOST_OFFERED).map((one) => one.name).join(", ")}</span></div>`}
-    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: `${asGiven(understood.interval_s, 3)} ${symbols("s")}` })}</p>
+    ${understood && html`<p>${t("import.summary", { n: understood.rows, took: duration(understood.duration_s), every: t("time.s", { s: asGiven(understood.interval_s, 3) }) })}</p>
       <details><summary>${t("import.segments", { n: understood.segments.length })}</summary><ol>${understood.segments.map((one) => html`<li key=${one.index}>${t(`import.direction.${one.direction}`)}${sign(", ")}${number(one.target_degc, 1)} °C${sign(", ")}${duration(one.to_s - one.from_s)}</li>`)}</ol></details>
       <${Chart} figure=${shown.figure} words=${t("import.picture")} name="import" height=${340} />`}
   </section>`;
