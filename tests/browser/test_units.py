@@ -141,6 +141,7 @@ def test_a_run_that_is_done_and_judged_by_nothing_says_so(page, verdict):
     page.goto(f"/units/{UNIT}")
     runs = page.locator("table").last.locator("tbody tr")
     assert runs.first.locator("td").nth(2).inner_text() == "Done"
+    assert runs.first.locator("td").nth(2).locator(".tone-link").count() == 1, "no colour of a good one"
 
 
 def test_a_figure_keeps_what_is_in_sight_when_it_speaks_another_language(page):

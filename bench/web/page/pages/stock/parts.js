@@ -44,7 +44,7 @@ export function useFirst(list, many, of, ask) {
   return { first: list.slice(0, most), more };
 }
 
-const STATES = { done: "good", running: "link", aborted: toneOf("aborted"), failed: "bad" };
+const STATES = { done: toneOf("measured"), running: "link", aborted: toneOf("aborted"), failed: "bad" };
 
 /** A verdict or a status in colour, shape and word. */
 export const Verdict = ({ word }) => word && html`<${Lamp} tone=${toneOf(word)}>${outcomeWord(word)}<//>`;
