@@ -30,9 +30,7 @@ def bench(tmp_path_factory, project):
 
 @pytest.fixture(params=["uk", "zh"])
 def page(bench, visitors, request):
-    page = visitors.come(bench.site.address, locale=request.param)
-    page.set_default_timeout(30000)
-    return page
+    return visitors.come(bench.site.address, locale=request.param)
 
 
 def test_a_diagnosis_with_a_formula(page, request):

@@ -418,7 +418,7 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     assert field <= line, "a long one stays in its line"
     page.get_by_label("Save as model").fill("mine")
     page.get_by_label("Save as model").press("Enter")
-    page.get_by_text("Saved as mine; commands know it by --model mine").wait_for()
+    page.get_by_text("Saved as mine; it is in the list of models").wait_for()
     page.get_by_text("“time” needs time").or_(page.get_by_text("'time' needs time")).wait_for()
     assert "polynomial" in page.locator(".wb-save .wb-warn").inner_text(), "a model that a unit can hold"
     page.get_by_label("Save as model").fill("моя модель")
@@ -426,7 +426,7 @@ def test_a_term_of_ones_own_is_checked_while_it_is_typed_added_and_saved(page, m
     page.get_by_text("no spaces").wait_for()
     page.get_by_label("Save as model").fill("моя_модель")
     page.get_by_label("Save as model").press("Enter")
-    page.get_by_text("Saved as моя_модель; commands know it by --model моя_модель").wait_for()
+    page.get_by_text("Saved as моя_модель; it is in the list of models").wait_for()
     assert "k * time" in (mystery / "profiles" / "models" / "моя_модель.yaml").read_text()
     page.goto(page.url)
     page.get_by_label("Start with").select_option("моя_модель")
