@@ -118,7 +118,8 @@ function App() {
   }, [locked]);
   useEffect(() => {
     scrollTo(0, 0);
-    if (place.moved) document.querySelector("main").focus({ preventScroll: true });
+    const taken = document.activeElement?.matches("main input"); // by a field of the new page
+    if (place.moved && !taken) document.querySelector("main").focus({ preventScroll: true });
   }, [place.path]);
   return html`
     <a class="skip" href="#main">${t("skip")}</a>
