@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.base import FloatArray
 from benchmarks.mechanisms.solids import rate
-from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, unevenly
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, switched, unevenly
 
 
 def film_of_oil(w: World, rng: np.random.Generator) -> FloatArray:
@@ -234,13 +234,8 @@ def pyroelectric(w: World, rng: np.random.Generator) -> FloatArray:
 def connector(w: World, rng: np.random.Generator) -> FloatArray:
     """A contact is bad from one temperature down until another one up; it then passes on the supply."""
     lo, hi = sorted(rng.uniform(-20, 50, 2))
-    hi = max(hi, lo + 10)
-    bad = False
-    out = np.empty(len(w.case))
-    for i, c in enumerate(w.case.tolist()):
-        bad = c < hi if bad else c < lo
-        out[i] = bad
-    return np.asarray(out * (w.supply - w.constant(float(np.min(w.supply)))))
+    bad = switched(w.case, lo, max(hi, lo + 10))
+    return np.asarray(bad * (w.supply - w.constant(float(np.min(w.supply)))))
 
 
 def mode_hop_with_memory(w: World, rng: np.random.Generator) -> FloatArray:

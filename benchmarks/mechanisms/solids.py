@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.base import FloatArray
-from benchmarks.mechanisms.world import World, dragged, follows, log_uniform
+from benchmarks.mechanisms.world import World, dragged, follows, log_uniform, switched
 
 
 def rate(w: World) -> FloatArray:
@@ -63,12 +63,7 @@ def crack(w: World, rng: np.random.Generator) -> FloatArray:
     """A crack springs open at one temperature, and closes steadily towards a higher one."""
     low, high = sorted(rng.uniform(-15, 55, 2))
     high = max(high, low + 8)
-    open_ = False
-    out = np.empty(len(w.case))
-    for i, c in enumerate(w.case.tolist()):
-        open_ = c < high if open_ else c < low
-        out[i] = high - c if open_ else 0.0
-    return out
+    return np.asarray(switched(w.case, low, high) * (high - w.case))
 
 
 def loop_of_the_frequency(w: World, rng: np.random.Generator) -> FloatArray:
@@ -137,12 +132,7 @@ def vent(w: World, rng: np.random.Generator) -> FloatArray:
     inner = follows(w.case, log_uniform(rng, 100, 500))
     low, high = sorted(rng.uniform(0, 60, 2))
     high = max(high, low + 6)
-    on = False
-    out = np.empty(len(w.case))
-    for i, c in enumerate(inner.tolist()):
-        on = c > low if on else c > high
-        out[i] = on
-    return np.asarray(out * (w.air - inner))
+    return np.asarray(switched(-inner, -high, -low) * (w.air - inner))
 
 
 def spring_of_two_metals(w: World, rng: np.random.Generator) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.base import FloatArray
+from bench.base import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +69,14 @@ def dragged(source: FloatArray, play: float) -> FloatArray:
         at = min(max(at, value - play), value + play)
         moved[second] = at
     return moved
+
+
+def switched(source: FloatArray, on_below: float, off_above: float) -> BoolArray:
+    """A switch that is off at first: on below one value of the source, and off again above a higher one."""
+    states, on = np.empty(len(source), dtype=bool), False
+    for second, value in enumerate(source.tolist()):
+        states[second] = on = value < (off_above if on else on_below)
+    return states
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "../../lib/preact.js";
 import { get } from "../../lib/api.js";
 import { Lamp } from "../../lib/parts.js";
 import { or, sig, t } from "../../lib/words.js";
-import { outcomeWord, toneOf } from "../verdict/judged.js";
+import { analysed, outcomeWord, toneOf } from "../verdict/judged.js";
 
 const AGAIN_MS = 5000;
 
@@ -51,7 +51,7 @@ export const Verdict = ({ word }) => word && html`<${Lamp} tone=${toneOf(word)}>
 
 /** Result of a run: its verdict against limits, else that of the analysis, else its state. */
 export function Outcome({ run }) {
-  const word = run.judged ?? (run.verdict === "undecided" ? null : run.verdict); // without limits nothing was to be decided
+  const word = run.judged ?? analysed(run.verdict, run.judged);
   if (run.state && (run.state !== "done" || !word)) return html`<${Lamp} tone=${STATES[run.state] ?? "warn"}>${or(`units.state.${run.state}`, run.state)}<//>`;
   return html`<${Verdict} word=${word} />`;
 }

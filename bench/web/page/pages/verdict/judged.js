@@ -10,13 +10,17 @@ const WORDS = {
   analysing: "link", measured: "link", adequate: "good", pass: "good",
 };
 
+/** The analysis' word as a result; null where, without limits, nothing was to be decided. */
+export const analysed = (verdict, limits) => (verdict === "undecided" && !limits ? null : verdict);
+
 /** Key of the verdict on a unit: `end` is that of the run, `unit` its {verdict, limits, analysed}. */
 export function judged(end, unit) {
   if (end.state === "failed") return end.cause?.startsWith("not started") ? "not_started" : "equipment_failed";
   if (end.state === "aborted") return "aborted";
   if (unit.limits?.toLowerCase() in WORDS) return unit.limits.toLowerCase();
   if (!unit.analysed && !end.analysing) return "not_analysed";
-  if (unit.verdict in WORDS && (unit.verdict !== "undecided" || unit.limits)) return unit.verdict; // without limits nothing was to be decided
+  const word = analysed(unit.verdict, unit.limits);
+  if (word in WORDS) return word;
   return end.analysing ? "analysing" : "measured";
 }
 
