@@ -465,8 +465,8 @@ def test_a_finding_is_a_sentence_on_the_page() -> None:
 
 
 def test_a_value_and_its_sign_stay_in_one_line() -> None:
-    given = ["leaves 1.5 × in its diagnosis, 0.2 °C", "−40…85 °C, …", "0至50 °C"]
-    told_of = ["leaves 1.5\u00a0×\u00a0in its diagnosis, 0.2\u00a0°C"]
+    given = ["leaves 1.5 × the noise floor, 0.2 °C", "−40…85 °C, …", "0至50 °C"]
+    told_of = ["leaves 1.5\u00a0×\u00a0the noise floor, 0.2\u00a0°C"]
     told_of += ["−40\u2060…\u206085\u00a0°C, …", "0\u2060至\u206050\u00a0°C"]
     assert spoken("lib/words.js", "unbroken", given, "en") == told_of
 

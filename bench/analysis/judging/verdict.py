@@ -99,15 +99,11 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
     elif answer.verdict == "undecided":
         finding = _undecided(name, tuple(suspect.effect for suspect in answer.found), steps)
     else:
-        ratio = steps[len(missing)] / floor_dph if len(steps) > len(missing) else np.nan
-        them = "it" if len(missing) == 1 else "them"
-        leaves = f"; adding {them} would leave {number(ratio, 2)} ×" if np.isfinite(ratio) else ""
-        # The best model may be another one, its rows are weighted by noise: where the diagnosis begins is told, too.
-        own = number(steps[0] / floor_dph, 2) if steps and np.isfinite(steps[0] / floor_dph) else ""
         finding = f"{name} lacks {listed(missing)}"
-        if own and f"{name} leaves {own} ×" not in verdict.sentence:
-            finding = f"{name} leaves {own} × in its diagnosis and lacks {listed(missing)}"
-        finding += leaves
+        if len(missing) == 1:  # of several, each is proved beside the others
+            proof = answer.named[0].proof
+            change = f"from {number(proof.before_dph)} to {number(proof.after_dph)} deg/h"
+            finding += f"; adding it lowers the error on {proof.unseen} {change}"
     no_floor = verdict.word in {"unproven", "undecided"} and answer.verdict in {"adequate", "undecided"}
     kept = verdict.word in {"partial", "no_data"} or no_floor
     sentence = f"{verdict.sentence.removesuffix('.')}; {finding}."
