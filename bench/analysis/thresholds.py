@@ -51,6 +51,8 @@ PROVED_FALL = 0.03
 """Least relative fall of the error on unseen data that proves an effect …"""
 PROVED_DEVIATIONS = 2.0
 """… and the same in standard deviations of what noise alone does to it."""
+PROVED_CHOSEN = 5.0
+"""The same for a formula on rows that had a say in its choice: the best of 50,000 reaches about sqrt(2 ln 50000)."""
 PREFERRED_FALL = 0.25
 """Relative fall of the error on unseen data with another effect in the place of one found, above which that one
 is not proved …"""

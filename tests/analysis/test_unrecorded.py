@@ -84,6 +84,42 @@ def test_what_follows_the_clock_of_one_run_is_proved_only_where_it_repeats_in_it
     assert ("only another run can tell whether it repeats" in answer.sentence) is not proved
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_formula_for_a_cause_that_no_channel_records_is_proved_by_one_heating_and_one_cooling(seed):
+    """The sun drifts in time alone; into a part of a leg anything smooth is interpolated."""
+    rng = np.random.default_rng(seed)
+    time = (np.arange(500) + 0.5) * 60.0
+    first, other = 2.0 * np.pi * rng.uniform(size=2)
+    sun = 0.6 * np.sin(2.0 * np.pi * time / 19000.0 + first) + 0.3 * np.sin(2.0 * np.pi * time / 7600.0 + other)
+    temperature = 25.0 + 60.0 * np.interp(time, np.array([0.0, 0.1, 0.5, 0.9, 1.0]) * time[-1], [-1, -1, 1, -1, -1])
+    air = temperature + 4.0 * np.sign(np.gradient(temperature)) + rng.normal(0.0, 0.05, time.size)
+    segment = np.zeros(time.size, dtype=np.int64)
+
+    def run(name, temperature, air, hidden):
+        rate = 2e-4 * (temperature - 25.0) ** 2 + hidden + rng.normal(0.0, 0.13, time.size)
+        channels = {"temperature": temperature, "chamber_temperature": air, "rate": rate}
+        return Dataset(name, time, channels, segment, (), 60.0)
+
+    level = np.full(time.size, 25.0)
+    still = run("still", level, level + rng.normal(0.0, 0.05, time.size), 0.0)
+    answer = diagnose([run("one", temperature, air, sun)], SPLINE, static=still)
+    assert not answer.proved
+    assert not any(formula.proof.proved for formula in answer.formulas)
+
+
+@pytest.mark.parametrize(("by", "deviations", "proved"), [
+    ("legs", 3.8, False), ("legs", 9.0, True), ("parts of legs", 18.0, False), ("check", 3.8, True),
+])  # fmt: skip
+def test_rows_that_had_a_say_in_the_choice_of_a_formula_prove_it_beyond_what_the_best_of_many_reaches(
+    by, deviations, proved
+):
+    layout = SimpleNamespace(rows=SimpleNamespace(time=[np.array([0.0, 3e4])]))
+    lag = SimpleNamespace(
+        undetermined=(), period_s=0.0, formula=SimpleNamespace(blocks=(SimpleNamespace(text="lag("),))
+    )
+    assert _doubted(Proof(by, 0.6, 0.35, deviations), layout, [lag]).proved is proved
+
+
 @pytest.mark.parametrize(("error_dph", "word"), [(0.21, "undecided"), (1.2, "unknown_effect")])
 def test_noise_that_is_not_that_of_the_isothermal_run_is_no_proof_of_a_cause(error_dph, word):
     """Telegraph noise that is faster when warm: the residual is far below the floor, and no probe finds a place."""

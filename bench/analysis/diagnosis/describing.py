@@ -25,7 +25,7 @@ from bench.analysis.diagnosis.verdict import Explanation, with_found
 from bench.analysis.effects.model import entry_text
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.probability import sized
-from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, TIE
+from bench.analysis.thresholds import EXPLAINED_RATIO, FORMULA_EVIDENCE, PROVED_CHOSEN, TIE
 from bench.base import Aside, FloatArray
 from bench.record import Dataset
 
@@ -222,7 +222,7 @@ class Describer:
             if not one.sized or (not self.check and one.evidence <= FORMULA_EVIDENCE):
                 continue
             after = layout.adding(one.effect, one.theta).settled(self.lattice.way(one.point), count)
-            scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes))
+            scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes), slopes=after.slopes)
             each = _Ranked(one, after, scored, borne.gain(before.left, scored.left))
             if each.total > FORMULA_EVIDENCE:
                 ranked.append(each)
@@ -373,7 +373,8 @@ class Describer:
         after, scored = terms[0].after, terms[0].scored
         if len(terms) > 1:
             after = layout.adding(effect, theta).settled(way, count)
-            scored = unseen(after.rows, after.theta, self.check, sum(len(part.amplitudes) for part in parts))
+            own = sum(len(part.amplitudes) for part in parts)
+            scored = unseen(after.rows, after.theta, self.check, own, slopes=after.slopes)
         before = settled(layout, way, self.check, scored.left)
         return DescribedFormula(
             formula=text,
@@ -439,18 +440,27 @@ def _judged(ranked: list[_Ranked]) -> list[_Ranked]:
 
 
 def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Proof:
-    """What depends on the time since the start of the only run is interpolated into a leg left out: no proof of it. Nor
-    is what is not determined, as for named effects.
+    """What depends on the time since the start of the only run is interpolated into a leg left out: no proof of it. So
+    is, into a part of a leg, what does not repeat within it. Nor is what is not determined, as for named effects.
     """
     stuck = next((name for part in parts for name in part.undetermined), "")
     if stuck:
         return replace(proof, doubt=f"{stuck} is on its bound: not determined")
-    if proof.by == "check" or len(layout.rows.time) > 1:
+    if proof.by == "check":
+        return proof
+    if not proof.falls_by(0.0, PROVED_CHOSEN):
+        return replace(proof, doubt="the best of many formulas may do that by chance")
+    if len(layout.rows.time) > 1:
         return proof
     span_s = float(np.ptp(layout.rows.time[0]))
-    if all(part.period_s < span_s / _PERIODS for part in parts):
+    if all(part.period_s < span_s / _PERIODS for part in parts) and (proof.by == "legs" or all(map(_repeats, parts))):
         return proof
     return replace(proof, doubt="only another run can tell whether it repeats")
+
+
+def _repeats(one: FoundFormula) -> bool:
+    """Whether it is periodic, over whatever it is."""
+    return any(word in block.text for block in one.formula.blocks for word in ("sin(", "sawtooth("))
 
 
 def _acts(temperature: FloatArray, contribution: FloatArray) -> tuple[float, float]:

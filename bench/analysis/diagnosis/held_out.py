@@ -42,12 +42,18 @@ class Unseen:
 
 
 def unseen(
-    rows: FitRows, theta: FloatArray, check: Sequence[Dataset], own: int = 0, like: LeftOut | None = None
+    rows: FitRows,
+    theta: FloatArray,
+    check: Sequence[Dataset],
+    own: int = 0,
+    like: LeftOut | None = None,
+    slopes: FloatArray | None = None,
 ) -> Unseen:
     """Score a model on the check runs or, without, on 20 contiguous blocks, each predicted from all others.
 
     `own` columns, the last ones, belong to the effect that is to be proved: it decides what can be left out. With
-    `like` the same is left out as there.
+    `like` the same is left out as there. With the `slopes` (n, m) along parameters these are fitted anew, linearised,
+    to what is not left out.
     """
     try:
         bound, columns = rows.bind(theta)
@@ -60,6 +66,8 @@ def unseen(
         apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
             scores = _of_blocks(rows, solution, apart)
+            if slopes is not None:
+                solution = solve(np.hstack([slopes, columns]), rows.y, rows.weights)
             return Unseen(*scores, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:

@@ -225,15 +225,20 @@ class Layout:
     @cached_property
     def _others(self) -> FloatArray:
         """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
-        slopes, known = self._slopes
         rounding = [self.resolution.rounding(self._output)] if self.resolution.rate_step_dph else []
-        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], slopes[:, known], *rounding])
+        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], self.slopes, *rounding])
 
     @property
     def _output(self) -> FloatArray:
         """Fitted output of the rows (n,) [deg/h], whatever turned included."""
         turned = self.stacked([record.channel("rate") - record.bias for record in self.rows.records])
         return self.curve(self.seen) + turned
+
+    @property
+    def slopes(self) -> FloatArray:
+        """Slopes (n, m) of the fitted curve along those of the model's parameters that move it."""
+        slopes, known = self._slopes
+        return slopes[:, known]
 
     @cached_property
     def _slopes(self) -> tuple[FloatArray, BoolArray]:
