@@ -114,7 +114,7 @@ def test_an_effect_that_unseen_data_do_not_bear_out_is_suspected_and_not_a_headl
     opposite = replace(unit, scale=-unit.scale)
     answer = diagnose([unit.run("short", 1)], SPLINE, check=[opposite.run("short", 2)], static=still, candidates=FEW)
     assert (answer.verdict, answer.proved, answer.named) == ("undecided", False, ())
-    assert answer.sentence.startswith("Suspected, not proved: temperature_rate")
+    assert answer.sentence.startswith("A slow cause or the noise: this run cannot tell. It looks like temperature_rate")
     assert "record another run and give it as --check" not in answer.sentence.lower(), "one was given"
 
 

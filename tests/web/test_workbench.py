@@ -22,7 +22,7 @@ from bench.analysis.diagnosis.answer import SuspectedEffect
 from bench.analysis.diagnosis.experiment import Proposal
 from bench.analysis.diagnosis.plan import chamber_limits, minor_loops
 from bench.analysis.diagnosis.proof import Proof
-from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
+from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NAMED_FALL, NEAREST_RATIO
 from bench.base import number, user_name
 from bench.cli import main
 from bench.deliver import coordinate_over, drawable_coordinates
@@ -210,8 +210,10 @@ def test_a_noise_floor_above_the_error_is_said_to_be_an_upper_bound() -> None:
     rungs = [{"heldOut": error, "inSample": 0.05} for error in (0.06, 0.09, 0.2)]
     words = ["workbench.ladder.floor_high", "workbench.ladder.noise", "workbench.ladder.noise"]
     assert told("pages/workbench/ladder.js", script, rungs) == words
-    limits = told("lib/floor.js", "console.log(JSON.stringify([page.BOUND, page.NEAREST, page.ADEQUATE]))", [])
-    assert limits == [EXPLAINED_RATIO, NEAREST_RATIO, ADEQUATE_RATIO]  # of the terminal
+    limits = told(
+        "lib/floor.js", "console.log(JSON.stringify([page.BOUND, page.NEAREST, page.ADEQUATE, page.UNCHANGED]))", []
+    )
+    assert limits == [EXPLAINED_RATIO, NEAREST_RATIO, ADEQUATE_RATIO, NAMED_FALL]  # of the terminal
 
 
 def test_models_of_the_ladder_that_begin_and_end_alike_have_unlike_names() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
 from bench.analysis.diagnosis.decision import ON_UNSEEN
 from bench.analysis.diagnosis.described import sentence as formula_sentence
-from bench.analysis.thresholds import ADEQUATE_RATIO, NEAREST_RATIO
+from bench.analysis.thresholds import ADEQUATE_RATIO, NAMED_FALL, NEAREST_RATIO
 from bench.base import capital, ends, listed, number, with_uncertainty
 
 _LACKS = "The model lacks something that no effect of the catalogue explains"
@@ -90,8 +90,11 @@ def _missing(answer: Diagnosis) -> str:
 
 
 def _suspected(answer: Diagnosis) -> str:
-    """Effects that the evidence names and unseen data do not prove."""
-    parts = [f"Suspected, not proved: {listed([_named(suspect) for suspect in answer.found])}."]
+    """Effects that the evidence names and unseen data do not prove; where these do not change, no name comes first."""
+    names = listed([_named(suspect) for suspect in answer.found])
+    parts = [f"Suspected, not proved: {names}."]
+    if all(suspect.proof.fall <= NAMED_FALL for suspect in answer.found):
+        parts = [f"A slow cause or the noise: this run cannot tell. It looks like {names}."]
     for suspect in answer.found:
         words = f"adding it was not possible: {suspect.reason}" if suspect.reason else suspect.proof.words
         parts += [f"{suspect.effect}: {words}.", *_alike(suspect)]

@@ -7,6 +7,9 @@ export const BOUND = 1.15;
 /** Error over floor above which an effect found is the nearest one of the catalogue only: NEAREST_RATIO there. */
 export const NEAREST = 2;
 
+/** Relative fall of an error on unseen data up to which an effect does not head an answer: NAMED_FALL there. */
+export const UNCHANGED = 0.02;
+
 /** Error over floor up to which nothing worth the effort is left: ADEQUATE_RATIO there. */
 export const ADEQUATE = 1.5;
 

@@ -1,7 +1,7 @@
 // What a diagnosis says, in the reader's language, made of its numbers.
 import { channelWord, effectWord, joined, or, sign, symbols, t } from "../../lib/words.js";
 import { measured, number } from "./parts.js";
-import { ADEQUATE, NEAREST } from "../../lib/floor.js";
+import { ADEQUATE, NEAREST, UNCHANGED } from "../../lib/floor.js";
 import { labelled } from "../../lib/spoken.js";
 
 /** Name of a fitted parameter of an effect, as people read it. */
@@ -32,10 +32,11 @@ const where = ({ channel, from, to, unit, misfit_dph }) => t("workbench.say.wher
 function missing(found) {
   const judged = found.suspects.filter((one) => one.found);
   const [proved, doubtful] = [judged.filter((one) => one.proved), judged.filter((one) => !one.proved)];
+  const refuted = !proved.length && doubtful.every(({ proof }) => proof.after_dph !== null && proof.after_dph >= (1 - UNCHANGED) * proof.before_dph);
   return [
     ...(proved.length ? [t("workbench.say.missing", { effects: list(proved) })] : []),
     ...proved.flatMap((one) => [t("workbench.say.proof", { effect: effectWord(one.effect), ...errors(one) }), ...alike(one)]),
-    ...(doubtful.length ? [t("workbench.say.suspected", { effects: list(doubtful) })] : []),
+    ...(doubtful.length ? [t(`workbench.say.${refuted ? "resembles" : "suspected"}`, { effects: list(doubtful) })] : []),
     ...doubtful.flatMap((one) => [doubt(one), ...alike(one)]),
     ...(proved.length || found.check?.length ? [] : [t("workbench.say.record")]),
     ...(judged.length > 1 ? [t("workbench.say.several")] : []),
