@@ -56,7 +56,7 @@ class Block:
             return found
         if "{tau_s})" in self.text:
             warm = self.text.replace("{tau_s}", "{tau_s} * exp({faster} * (25 - temperature))")
-            found.append(self._with("faster", (-0.12, 0.12), (-0.03, 0.03, 0.06), warm,
+            found.append(self._with("faster", (-0.2, 0.2), (-0.03, 0.03, 0.06), warm,
                                     f"{self.words}, faster when it is warm"))  # fmt: skip
             for name, words in (("direction", "not the same heating and cooling"),
                                 *((name, f"faster or slower by the {name}") for name in switched)):  # fmt: skip
@@ -64,14 +64,13 @@ class Block:
                 found.append(self._with("slower", (-0.9, 0.9), (-0.5, 0.5), turned, f"{self.words}, {words}"))
         if "play(temperature, {width})" in self.text:
             softer = self.text.replace("{width}", "{width} * exp({softer} * (25 - temperature))")
-            found.append(self._with("softer", (-0.12, 0.12), (-0.03, 0.015, 0.03, 0.06), softer,
+            found.append(self._with("softer", (-0.2, 0.2), (-0.03, 0.015, 0.03, 0.06), softer,
                                     f"{self.words}, whose width falls when it is warm"))  # fmt: skip
         if "{tau_s})" in self.text and (self.text.startswith("lag(") or self.text.count("lag(") == 1):
             uneven = self.text.replace("lag(", "uneven_lag(", 1).replace("{tau_s})", "{tau_s}, {fall_s})")
             found.append(self._with("fall_s", dict(self.bounds)["tau_s"], tuple(t for (t,) in lags(length_s / 2.0, 2)),
                                     uneven, f"{self.words}, not the same up and down"))  # fmt: skip
-        return [
-            *found,
+        found += [
             *self.bent(),
             self.memory(length_s),
             self._with("late_s", (0.0, min(3000.0, 0.2 * length_s)), tuple(0.02 * length_s * i for i in (0.2, 0.7, 2)),
@@ -80,6 +79,7 @@ class Block:
             self._with("power", (0.3, 4.0), (1.0, 2.0), f"abs({self.text})**{{power}}",
                        f"a power of the size of {self.words}"),
         ]  # fmt: skip
+        return [one for one in found if len(dict(one.bounds)) == len(one.bounds)]  # it may have such a parameter
 
     def memory(self, length_s: float, every: int = 1) -> Block:
         """The memory of the block; `every` thins its grid."""
@@ -93,9 +93,16 @@ class Block:
             return []
         ends, tried = (0.01 * self.most, 2.0 * self.most), tuple(share * self.most for share in (0.1, 0.3, 0.6))
         inner = ends[0], 0.9 * self.most
+        at = self._with("at", (-self.most, self.most), (-0.2 * self.most, 0.2 * self.most), f"({self.text} - {{at}})",
+                        self.words)  # fmt: skip
+        uneven = at._with("zone", inner, tried, f"dead_zone({at.text}, {{zone}})",
+                          f"{self.words} outside a dead zone that is not about 0")  # fmt: skip
+        dead = self._with(
+            "zone", inner, tried, f"dead_zone({self.text}, {{zone}})", f"{self.words} outside a dead zone"
+        )
         return [
             self._with("limit", ends, tried, f"tanh({self.text}/{{limit}})", f"{self.words}, limited"),
-            self._with("zone", inner, tried, f"dead_zone({self.text}, {{zone}})", f"{self.words} outside a dead zone"),
+            replace(dead, looser=uneven),
             self._with("width", inner, tried, f"play({self.text}, {{width}})", f"{self.words} with play"),
             self._with(
                 "level",
@@ -227,7 +234,7 @@ class Formula:
             return f"{amplitude} * {one} + {amplitude}_cos * {one.replace('sin(', 'cos(', 1)}"
         if self.along is None:
             return f"{amplitude} * {one}"
-        powers = [f"{amplitude}_1 * {self.along.text}", f"{amplitude}_2 * {self.along.text}**2"][: self.degree]
+        powers = [f"{amplitude}_{n} * {self.along.text}{_power(n)}" for n in range(1, self.degree + 1)]
         return f"({' + '.join([amplitude, *powers])}) * {one}"
 
     def expression(self, amplitude: str = "k") -> Expression:
@@ -313,15 +320,21 @@ class Formula:
         """End of the name, and unit, of each amplitude."""
         factors = [block.unit for block in self.blocks if block.unit]
         unit = self.along.unit if self.along else ""
-        more = [[*factors, power] for power in (unit, f"{unit}^2")[: self.degree]]
+        more = [[*factors, unit + (f"^{n}" if n > 1 else "")] for n in range(1, self.degree + 1)]
         units = [f"deg/h per ({' * '.join(of)})" if of else "deg/h" for of in (factors, *more)]
-        return (("", units[0]), ("_cos", units[0])) if self.pair else tuple(zip(("", "_1", "_2"), units, strict=False))
+        if self.pair:
+            return ("", units[0]), ("_cos", units[0])
+        return tuple((f"_{n}" if n else "", own) for n, own in enumerate(units))
 
     @property
     def words(self) -> str:
         """What it is."""
         words = " times ".join(block.words for block in self.blocks)
         return f"{words}, its size changing with {self.along.words}" if self.along else words
+
+
+def _power(exponent: int) -> str:
+    return f"**{exponent}" if exponent > 1 else ""
 
 
 def _about(parameter: Parameter, value: float) -> Bounds:

@@ -22,7 +22,7 @@ from bench.base import BoolArray
 from bench.record import Dataset
 
 _INNER_S = (60.0, 120.0, 220.0, 400.0)
-_MOST_DEGREE = 2  # of an amplitude, in the temperature
+_MOST_DEGREE = 4  # of an amplitude, in the temperature
 _PLACES = 11  # of a window, over the range of the channel
 _ROOM_DEGC = 23.0  # to begin with
 _PERIODS = 48  # of a line over temperature
@@ -300,9 +300,9 @@ class Grammar:
         frequencies = np.linspace(2.0 / span, 0.5 * _PERIODS / span, _PERIODS)
         grid = tuple((float(1.0 / f),) for f in frequencies)
         bounds = (("period_degc", (float(1.0 / frequencies[-1]), 0.6 * span)),)
-        both = (("tau_s", (20.0, 2000.0)), *bounds)
+        both = (("tau_s", (20.0, 4000.0)), *bounds)
         # A lag that is a good part of a period apart between heating and cooling leaves nothing of the plain sine.
-        many = tuple((tau_s, *one) for tau_s in _INNER_S for one in grid)
+        many = tuple((tau_s, *one) for tau_s in (*_INNER_S, 800.0, 1600.0) for one in grid)
         inner = Block("sin(2*pi*lag(temperature, {tau_s})/{period_degc})", "a sine over a temperature that lags", "",
                       both, many)  # fmt: skip
         # Of one that moves by half a period nothing is left of the plain sine, either.
@@ -368,7 +368,7 @@ class Grammar:
         bounds = (("centre", (low, high)), ("width", (0.02 * span, 0.5 * span)))
         window = tuple((float(c), w) for c in centres for w in (0.05 * span, 0.15 * span))
         inner, lagging = (("tau_s", times_within(self.ranges.length_s, 4)),), ((300.0,), (900.0,), (2700.0,))
-        warmer, warmth = (("warmer", (-0.12, 0.12)),), ((-0.06,), (-0.025,), (0.025,), (0.06,))
+        warmer, warmth = (("warmer", (-0.2, 0.2)),), ((-0.06,), (-0.025,), (0.025,), (0.06,))
         places = (
             ("exp(-((temperature - {centre})/{width})**2)", "a window in temperature", window),
             ("(1 + tanh((temperature - {centre})/{width}))", "a step over temperature", window[2:-2:2]),

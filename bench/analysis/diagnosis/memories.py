@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bench.analysis.diagnosis.blocks import Block, lags, times_within
 from bench.analysis.diagnosis.ranges import Ranges, inner
 
@@ -30,13 +32,14 @@ def memories(ranges: Ranges) -> list[Block]:
             _turned(ranges, "chamber_temperature", "air's temperature"),
             *_loaded(ranges),
         ]
-    return [*blocks, *(_tiring(ranges, name) for name in ranges.switched)]
+    blocks += [_tiring(ranges, name) for name in ranges.switched]
+    return [replace(block, drives=True) for block in blocks]
 
 
 def _vapour(ranges: Ranges, name: str, called: str) -> Block:
     """What is taken up and given off by its pressure, which is an exponential of a temperature."""
     tried = tuple((faster, *one) for faster in (-0.06, 0.06) for one in lags(ranges.length_s / 2.0, 2))
-    bounds = (("faster", (-0.12, 0.12)), ("tau_s", times_within(ranges.length_s, 2)))
+    bounds = (("faster", (-0.2, 0.2)), ("tau_s", times_within(ranges.length_s, 2)))
     words = f"the memory of an exponential of the {called}"
     return Block(f"lag(exp({{faster}} * ({name} - 25)), {{tau_s}})", words, "", bounds, tried)
 
@@ -46,7 +49,7 @@ def _relaxing(ranges: Ranges) -> list[Block]:
     tau, tried = ("tau_s", times_within(ranges.length_s)), lags(ranges.length_s, 1)
     words = "a part that follows the temperature"
     faster = Block("(temperature - lag(temperature, {tau_s} * exp({faster} * (25 - temperature))))",
-                   f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.12, 0.12))),
+                   f"{words}, faster when it is warm", "degC", (tau, ("faster", (-0.2, 0.2))),
                    tuple((*one, faster) for one in tried for faster in (-0.03, 0.03, 0.06)))  # fmt: skip
     strained = Block("exp({steep} * (temperature - lag(temperature, {tau_s})))",
                      f"an exponential of the gap to {words}", "", (("steep", (-0.5, 0.5)), tau),
@@ -57,7 +60,15 @@ def _relaxing(ranges: Ranges) -> list[Block]:
     resting = Block("(temperature - lag(temperature, {tau_s} * (1 + {slower} * abs(direction))))",
                     f"{words}, not as fast at rest", "degC", (tau, ("slower", (-0.9, 50.0))),
                     tuple((*one, slower) for one in tried for slower in (3.0, 20.0)))  # fmt: skip
-    return [plain, faster, strained, heated, resting]
+    low, high = ranges.temperature
+    # Its time constant is 100 s at the temperature that defines a glass transition.
+    glass = Block("(temperature - lag(temperature, 100 * exp({faster} * ({centre} - temperature))))",
+                  f"{words} and freezes in below a temperature", "degC",
+                  (("faster", (0.05, 0.6)), ("centre", (low, high + 0.5 * (high - low)))),
+                  tuple((faster, *at) for at in inner(low, high + 0.25 * (high - low), 9)
+                        for faster in (0.1, 0.2, 0.35)),
+                  places=1)  # fmt: skip
+    return [plain, faster, strained, heated, resting, glass]
 
 
 def _uneven(ranges: Ranges) -> Block:
@@ -85,7 +96,8 @@ def _opposed(ranges: Ranges) -> Block:
     ends = times_within(ranges.length_s)
     fast, slow = ("(temperature - lag(temperature, {" + name + "}))" for name in ("tau_s", "slow_s"))
     return Block(f"({fast} - {{share}} * {slow})", "two parts that follow the temperature, one against the other",
-                 "degC", (("tau_s", ends), ("share", (-1.0, 1.5)), ("slow_s", ends)), tried)  # fmt: skip
+                 "degC", (("tau_s", ends), ("share", (-1.0, 1.5)), ("slow_s", ends)), tried,
+                 most=0.5 * (ranges.temperature[1] - ranges.temperature[0]))  # fmt: skip
 
 
 def _shaken(ranges: Ranges) -> Block:
@@ -121,7 +133,7 @@ def _kicked(ranges: Ranges) -> list[Block]:
 def _annealed(ranges: Ranges) -> list[Block]:
     """What something adds and what fades faster or slower when it is warm: stress, charge, water."""
     fades = "exp({faster} * (25 - temperature))"
-    ends = ("faster", (-0.12, 0.12)), ("tau_s", times_within(ranges.length_s))
+    ends = ("faster", (-0.2, 0.2)), ("tau_s", times_within(ranges.length_s))
     placed = [
         (f"above({beyond})", f"a temperature {side} a value", "degC", (("centre", ranges.of(name)),),
          inner(*ranges.of(name), 9)[1::2])
@@ -145,7 +157,7 @@ def _annealed(ranges: Ranges) -> list[Block]:
 
 def _activated(ranges: Ranges) -> list[Block]:
     """What a change of temperature adds, the more the warmer it is, and what fades: wear, charge."""
-    bounds = ("warmer", (-0.12, 0.12)), ("tau_s", times_within(ranges.length_s))
+    bounds = ("warmer", (-0.2, 0.2)), ("tau_s", times_within(ranges.length_s))
     tried = tuple((warmer, *tau) for warmer in (-0.03, 0.03, 0.06) for tau in lags(ranges.length_s, 1))
     return [
         Block(f"lag({rate} * exp({{warmer}} * (temperature - 25)), {{tau_s}})",

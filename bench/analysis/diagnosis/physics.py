@@ -47,6 +47,7 @@ _LIKE = (
     ("lowest(", "like stress that is lost whenever the unit is colder than ever before"),
     ("lag(exp(", "like water or gas that is taken up and given off: its pressure is an exponential of the temperature"),
     ("play(temperature, ", "like friction or micro-slip in mount, glue or solder"),
+    ("lag(temperature, 100 * exp(", "like a polymer at its glass transition: glue, potting, a seal"),
     ("(25 - temperature)", "like stress that relaxes, the faster the warmer: glue, solder, packaging"),
     ("lag(temperature, 25 * ", "like heat that spreads into a thick body: a base plate, potting, a housing"),
     ("(temperature - lag(temperature", "like the gradient to a part inside that follows the temperature"),

@@ -53,17 +53,19 @@ def states(ranges: Ranges) -> list[Block]:
         late = f"delay({name}, 30)"
         for words, text in (("starts", f"{name} - {late}"), ("stops", f"{late} - {name}")):
             blocks.append(replace(lagged(f"above({text})", f"the {words} of the {name}", "", length_s), drives=True))
+    blocks.append(_wound(ranges, "temperature"))
     for name in ranges.moved:
         low, high = ranges.of(name)
         fast = f"({name} - lag({name}, {{tau_s}}))**2"
         ends, tried = (("tau_s", times_within(length_s, 4, low=30.0)),), lags(length_s / 4.0, 2)
         blocks += [
             _wound(ranges, name),
+            _counted(ranges, name),
             replace(loop(name, (low, high), unit_of(name)), drives=True),
             Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried,
                   drives=True),
         ]  # fmt: skip
-    return blocks
+    return [replace(block, drives=True) for block in blocks]
 
 
 def latch(ranges: Ranges) -> Block:
@@ -136,6 +138,16 @@ def hops(ranges: Ranges) -> list[Block]:
                  (("tau_s", (20.0, 2000.0)), *bounds), tuple((tau, *one) for tau in (60.0, 200.0) for one in tried),
                  places=1)  # fmt: skip
     return [Block("sawtooth((temperature - {at})/{step})", words, "", bounds, tried, places=1), late]
+
+
+def _counted(ranges: Ranges, name: str) -> Block:
+    """What a converter or a loop that moves in steps leaves of a channel."""
+    low, high = ranges.of(name)
+    tried = tuple((low + phase * step, step) for step in ((high - low) / np.arange(2.0, 12.1)).tolist()
+                  for phase in (0.0, 0.25, 0.5, 0.75))  # fmt: skip
+    bounds = (("at", (low, high)), ("step", (0.03 * (high - low), 0.6 * (high - low))))
+    return Block(f"sawtooth(({name} - {{at}})/{{step}})", f"what steps of the {name} leave of it", "", bounds, tried,
+                 places=1)  # fmt: skip
 
 
 def clock(bounds: Bounds, period_s: float) -> Block:
