@@ -148,12 +148,13 @@ def _tried(answer: Diagnosis, formulas: bool) -> list[Decision]:
 
 
 def _with_formula(answer: Diagnosis, formula: DescribedFormula) -> Decision:
-    """The formula, with the effects that it was found beside."""
+    """The formula, with the effects that it was found beside; without check runs it has to be proved."""
     before, after = formula.held_out_before_dph, formula.held_out_rms_dph
-    pays = after < before * (1.0 - PAYS)
+    proved = bool(answer.check or formula.proof.proved)
+    pays = proved and after < before * (1.0 - PAYS)
     beside = f" beside {', '.join(formula.beside)}" if formula.beside else ""
     text = f"formula {formula.formula}{beside} {'added' if pays else 'refused'}: {formula.weighed}, "
-    text += _fall(answer, before, after)
+    text += _fall(answer, before, after) if proved else formula.proof.words
     model = formula.model if pays else answer.model
     return Decision("added" if pays else "refused", "expression", model, before, after, text, answer, formula.formula)
 
