@@ -183,7 +183,11 @@ class Layout:
 
     def curve(self, seen: Sequence[Dataset]) -> FloatArray:
         """The fitted curve (n,) [deg/h] at the temperatures of these records, which all terms see."""
-        return self.stacked([self._fitted.columns(record) @ self._beta for record in seen])
+        return self.stacked(self.curves(seen))
+
+    def curves(self, seen: Sequence[Dataset]) -> list[FloatArray]:
+        """The same of all rows of each record."""
+        return [self._fitted.columns(record) @ self._beta for record in seen]
 
     @cached_property
     def unmoved(self) -> FloatArray:
@@ -191,13 +195,13 @@ class Layout:
         return self.curve(self.seen)
 
     @property
-    def steepness(self) -> FloatArray:
-        """Slope of the fitted curve over temperature (n,) [deg/h/degC]."""
+    def steepness(self) -> list[FloatArray]:
+        """Slope of the fitted curve over temperature (n,) [deg/h/degC] of all rows of each record."""
         ends = [
-            self.curve([r.with_channel("temperature", r.channel("temperature") + shift) for r in self.seen])
+            self.curves([r.with_channel("temperature", r.channel("temperature") + shift) for r in self.seen])
             for shift in (-0.5, 0.5)
         ]
-        return np.asarray(ends[1] - ends[0])
+        return [after - before for before, after in zip(*ends, strict=True)]
 
     @cached_property
     def _fitted(self) -> design.Bound:
@@ -225,14 +229,14 @@ class Layout:
     @cached_property
     def _others(self) -> FloatArray:
         """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
-        rounding = [self.resolution.rounding(self._output)] if self.resolution.rate_step_dph else []
+        rounding = [self.resolution.rounding(self.stacked(self.outputs))] if self.resolution.rate_step_dph else []
         return np.column_stack([self._linear[:, self._bound[1].shape[1] :], self.slopes, *rounding])
 
     @property
-    def _output(self) -> FloatArray:
-        """Fitted output of the rows (n,) [deg/h], whatever turned included."""
-        turned = self.stacked([record.channel("rate") - record.bias for record in self.rows.records])
-        return self.curve(self.seen) + turned
+    def outputs(self) -> list[FloatArray]:
+        """Fitted output (n,) [deg/h] of all rows of each record, whatever turned included."""
+        turned = [record.channel("rate") - record.bias for record in self.rows.records]
+        return [own + by for own, by in zip(self.curves(self.seen), turned, strict=True)]
 
     @property
     def slopes(self) -> FloatArray:
@@ -337,12 +341,7 @@ def resolved(layout: Layout, floor_dph: float) -> Layout:
     """The layout with the steps of its thermometer and output, where they cause more than a share of the floor."""
     if "temperature" not in layout.rows.records[0].channels:
         return layout
-    near = np.diff(layout.problem.time_s) < 1.5 * layout.problem.interval_s
-    steps = np.diff(layout.problem.y)[near]
-    white = float(np.median(np.abs(steps - np.median(steps)))) * 1.4826 / np.sqrt(2.0) if steps.size else 0.0
-    # The steps are those of the finest rows that there are, whose noise is larger.
-    rows = max(run.interval_s / run.finer.record.interval_s if run.finer else 1.0 for run in layout.rows.records)
-    found = resolution(layout.rows.records, layout.steepness, white * float(np.sqrt(rows)))
+    found = resolution(layout.rows.records, layout.outputs, layout.steepness)
     return replace(layout, resolution=found) if found.matters(floor_dph) else layout
 
 
