@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis.diagnose import diagnose
+from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.resolution import Resolution
 from bench.analysis.diagnosis.suspects import Layout, resolved
 from bench.analysis.effects import registry as effects
@@ -101,3 +103,15 @@ def test_steps_do_not_become_an_effect(trap):
     answer = run_case(Case(trap, 1))
     assert judged(trap, answer) in {"nothing", "undecided"}, answer
     assert "steps of" in answer["noise"]
+
+
+def test_where_steps_cause_what_is_left_the_answer_says_so_and_proposes_no_run():
+    rng = np.random.default_rng(3)
+    temperature = np.interp(np.arange(14_400.0), np.linspace(0.0, 14_400.0, 7), [20, 51, 50, -3, 4, 38, 20])
+    exact = 3.0 * np.sin(temperature / 15.0) + rng.normal(0.0, 0.03, temperature.size)
+    data = record(np.round(exact / 0.4) * 0.4, temperature).average(30.0)
+    answer = diagnose([data], Model("m", (effects.make("spline", {"intervals": 8}),)), floor_dph=0.02, workers=1)
+    assert (answer.verdict, answer.found, answer.formulas) == ("undecided", (), ())
+    assert "as large as what steps cause: the output has steps of 0.4 deg/h" in answer.sentence
+    assert "Record it with finer steps" in answer.sentence
+    assert next_experiment(answer, [data]) is None

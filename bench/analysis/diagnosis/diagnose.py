@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.decision import DRIFTS, bound_notes, bound_only, decide, with_formulas
+from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_notes, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
@@ -180,10 +180,14 @@ class _Case:
         improved = unseen(explained.layout.rows, explained.layout.theta, check, own) if explained.steps else base
         suspects = ranking.suspects()
         slow = structure(self.layout) if explained.word == "adequate" else ""
-        decision = decide(explained, suspects, base, improved, self._expected(floor_dph), slow)
-        steps = self.layout.resolution.words()
-        if steps and not explained.steps and decision.word == "unknown_effect":
-            decision = replace(decision, word="undecided", proved=False, why=steps)
+        expected_dph = self._expected(floor_dph)
+        if explained.steps:  # what the steps of the values cause is no effect that is missing beside those
+            expected_dph = float(np.hypot(expected_dph, self.layout.resolution.repeats_dph))
+        decision = decide(explained, suspects, base, improved, expected_dph, slow)
+        steps = self._steps(explained, base)
+        if steps and decision.word in {"unknown_effect", "undecided"}:
+            decision = Decision("undecided", False)
+        steps = steps if decision.word == "undecided" else ""
         answer = Diagnosis(
             verdict=decision.word,
             proved=decision.proved,
@@ -202,6 +206,7 @@ class _Case:
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
             noise_finding=DRIFTS if explained.drifts and not steps else self.noise,
+            steps=steps,
             notes=(
                 *self.notes,
                 *floor_note,
@@ -216,7 +221,7 @@ class _Case:
             sisters=self.sisters,
         )
         describer = Describer(self.lattice, check, floor_dph, seed, workers)
-        formulas, instead = self._formulas(explained, improved, describer, proved=bool(decision.proved))
+        formulas, instead = self._formulas(explained, improved, describer, answer)
         answer = with_formulas(answer, formulas, self._expected(floor_dph), instead=instead)
         left_dph = improved.rms_dph if answer.leading is None else answer.leading.held_out_rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left_dph))
@@ -226,7 +231,7 @@ class _Case:
 
     def shown(self, answer: Diagnosis, channels: Sequence[str] = ()) -> Diagnosis:
         """The answer with pictures of what nothing describes: the memory, and cells over two channels."""
-        described = any(formula.proof.proved for formula in answer.formulas) or self.layout.resolution.words()
+        described = any(formula.proof.proved for formula in answer.formulas) or answer.steps
         if answer.verdict in {"unknown_effect", "undecided"} and not described:
             answer = replace(answer, kernel=kernel_of(self.layout, self.lattice))
             channels = channels or ("temperature", RATE_OF_TEMPERATURE)
@@ -255,6 +260,13 @@ class _Case:
         text = f"the isothermal run has a part of the effects found: its noise floor is {number(self.floor_dph)} deg/h "
         return floor_dph, (f"{text}with them and {number(floor_dph)} without, as stated here",)
 
+    def _steps(self, explained: Explanation, base: Unseen) -> str:
+        """What the steps of output and thermometer cause, where that is as much as what is left; empty where it is not,
+        or where effects were found.
+        """
+        steps, left = self.layout.resolution, base.left.rms_dph if base.left.by == "check" else base.shape_dph
+        return steps.words() if not explained.steps and steps.explains(left, self.floor_dph) else ""
+
     def _expected(self, floor_dph: float) -> float:
         """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""
         if self.layout.white is None:
@@ -264,7 +276,7 @@ class _Case:
         return float(np.sqrt(floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0)))
 
     def _formulas(
-        self, explained: Explanation, improved: Unseen, describer: Describer, *, proved: bool
+        self, explained: Explanation, improved: Unseen, describer: Describer, answer: Diagnosis
     ) -> tuple[tuple[DescribedFormula, ...], bool]:
         """What the catalogue does not hold; where its effects bring the error down to the noise, and that is known well
         enough to tell, only what explains more than they do.
@@ -273,12 +285,16 @@ class _Case:
         """
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         known = not bound_only(describer.floor_dph, improved.rms_dph)
-        enough = explained.word == "missing_effect" and proved and small and known
-        if not explained.steps and self.layout.resolution.words():  # steps look like many things
+        enough = explained.word == "missing_effect" and bool(answer.proved) and small and known
+        if answer.steps:  # they look like many things
             return (), False
         found = describer.better(self.layout, explained) if enough else describer.describe(self.layout, explained)
-        kept = tuple(one for one in found.formulas if borne_out(one))
+        kept = tuple(one for one in found.formulas if borne_out(one) and not self._rounded(one))
         return proved_first(kept), bool(kept) and found.replaces and kept[0] is found.formulas[0]
+
+    def _rounded(self, one: DescribedFormula) -> bool:
+        """Whether the steps of thermometer or output may cause what a formula explains."""
+        return self.layout.resolution.hides(self.layout.beyond(self.layout.stacked(one.contribution)))
 
     def _where(self, explained: Explanation, base: Unseen, floor_dph: float) -> tuple[Place, ...]:
         seen = explained.before.places if explained.steps else explained.before.alarms

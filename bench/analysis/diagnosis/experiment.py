@@ -119,14 +119,14 @@ def next_experiment(
 
     Of several effects found it takes the first that has look-alikes. The rivals are fitted here again, beside
     everything else that was found. Where a proved formula stands in their place, it is the formulas that are open.
-    What the `check` runs tell is known, too.
+    What the `check` runs tell is known, too. Where steps of the recorded values cause what is left, no run tells more.
     """
     best = diagnosis.leading
     described = best if best and best.proof.proved and not best.beside else None
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
     if open_ is None:
         unknown = diagnosis.verdict == "unknown_effect" and (described is not None or not diagnosis.found)
-        open_word = diagnosis.verdict == "undecided" or unknown
+        open_word = (diagnosis.verdict == "undecided" and not diagnosis.steps) or unknown
         try:
             if described and unknown:
                 return _between(described, (*runs, *check), static, limits)

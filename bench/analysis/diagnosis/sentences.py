@@ -125,12 +125,19 @@ def _proof(suspect: SuspectedEffect) -> str:
 
 
 def _undecided(answer: Diagnosis, why: str, left: str) -> str:
-    """What remains may be a slow cause, or the noise; or the run is at its noise, and check runs are not."""
+    """What remains may be a slow cause, or the noise; or the run is at its noise, and check runs are not; or it is what
+    the steps of the recorded values cause.
+    """
     if answer.check and answer.rms_dph <= ADEQUATE_RATIO * answer.floor_dph and why.startswith(ON_UNSEEN):
         return (
             f"The check run shows what this run does not: the residual of this run ({left}, noise floor "
             f"{number(answer.floor_dph)}) is noise, and {why}. Diagnose both together: name the check run beside the "
             "run, not as --check."
+        )
+    if answer.steps:
+        return (
+            f"What is left ({left}, noise floor {number(answer.floor_dph)}) is as large as what steps cause: "
+            f"{answer.steps}. Record it with finer steps: no other run shows what they hide."
         )
     ask = "record an isothermal run and give it as --static" if not answer.static else "record the run that is proposed"
     return (

@@ -80,6 +80,8 @@ class DiagnosisRecord(Record):
     not_excited: tuple[dict[str, str], ...] = ()
     smallest_detectable: tuple[dict[str, Any], ...] = ()
     noise_finding: str | None = None
+    steps: str | None = None
+    """What the steps of output and thermometer cause, where that is as much as what is left."""
     notes: tuple[str, ...] = ()
     profile: str | None = None
     """File of the next experiment, in answers of older benches."""
