@@ -6,6 +6,7 @@ import scipy
 from numpy.testing import assert_allclose
 
 from bench.analysis.effects import registry as effects
+from bench.analysis.effects.operators import play
 from bench.record.dataset import Dataset
 
 
@@ -45,6 +46,13 @@ def test_a_loop_of_the_thermometer_moves_both_branches_apart(reads, sign):
     middle = later & (np.abs(TRUE - 20.0) < 10.0)
     assert_allclose(moved[middle & (slope > 0)], sign * 0.4, atol=1e-9)
     assert_allclose(moved[middle & (slope < 0)], -sign * 0.4, atol=1e-9)
+
+
+def test_one_of_the_loops_undoes_a_backlash_which_closes_at_once_after_each_turn():
+    data = record(TIME, temperature=play(TRUE, 0.5))
+    shapes = effects.make("thermometer_hysteresis").shapes()
+    left = [np.std(shape.abscissa(data, {"opening_degc": 0.5}) - TRUE) for shape in shapes]
+    assert min(left) < 0.35 * np.std(data.channel("temperature") - TRUE)
 
 
 def test_an_offset_grows_with_time_or_follows_the_air():

@@ -52,7 +52,7 @@ class Resolution:
 
     def explains(self, left_dph: float, floor_dph: float) -> bool:
         """Whether what is left beyond the noise (NaN: not known) is within what the steps may cause."""
-        return left_dph**2 - np.nan_to_num(floor_dph) ** 2 < (_AT_MOST * self.repeats_dph) ** 2
+        return left_dph**2 - float(np.nan_to_num(floor_dph)) ** 2 < (_AT_MOST * self.repeats_dph) ** 2
 
     def rounding(self, fitted: FloatArray) -> FloatArray:
         """Columns (n, k) that rounding the output adds, from its fitted values (n,) [deg/h]; none without a step.

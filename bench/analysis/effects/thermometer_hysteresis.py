@@ -24,7 +24,7 @@ from bench.base import FloatArray
 from bench.record import Dataset
 
 READS = ("low", "high")
-_WIDTHS_DEGC = (2.0, 7.0)
+_WIDTHS_DEGC = (0.2, 2.0, 7.0)  # the first of a backlash, which closes at once after each turn
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class ThermometerHysteresis(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         """Half opening of the loop, and half-width of the play."""
         opening = Parameter("opening_degc", "degC", 0.02, 10.0, 0.3, log=True, meaning="half the opening of the loop")
-        width = Parameter("width_degc", "degC", 0.5, 40.0, 5.0, log=True, meaning="half-width of the play")
+        width = Parameter("width_degc", "degC", 0.1, 40.0, 5.0, log=True, meaning="half-width of the play")
         return (opening,) if self.width_degc else (opening, width)
 
     def shapes(self) -> tuple[Effect, ...]:
-        """A narrow and a wide loop of either sign, one effect for a ranking."""
+        """Loops of three widths and either sign, one effect for a ranking."""
         return tuple(replace(self, reads=reads, width_degc=width) for width in _WIDTHS_DEGC for reads in READS)
 
     def abscissa(self, record: Dataset, theta: Theta) -> FloatArray:
