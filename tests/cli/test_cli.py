@@ -12,9 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis.answer import Place
 from bench.base import user_name
 from bench.cli import main
-from bench.cli.rendering.diagnose import next_run
+from bench.cli.rendering.diagnose import next_run, where_it_fails
 from tests.support.commands import bench
 from tests.support.run_folders import make_run, ramp_run
 
@@ -158,6 +159,13 @@ def test_a_diagnosis_ends_with_commands_that_add_what_is_missing(tmp_path, monke
     plain, better = json.loads(bench(*compare, "--json").stdout)["models"]
     assert better["name"] == "better2"
     assert better["held_out_rms_dph"] < 0.5 * plain["held_out_rms_dph"]
+
+
+def test_where_a_model_fails_the_systematic_part_is_shown_that_puts_the_place_there():
+    place = Place("chamber_temperature", -40.0, -36.6, 0.156, 0.85, 0.0653, 1e-12)
+    _, listed, _ = where_it_fails(SimpleNamespace(where=(place,)))
+    (row,) = zip(*(column.cells for column in listed.columns), strict=True)
+    assert row[2:4] == ("0.0653 deg/h systematic", "0.85 x floor, p < 1e-09")
 
 
 def test_the_run_that_a_diagnosis_of_an_imported_log_proposes_is_not_for_a_station():

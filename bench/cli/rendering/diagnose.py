@@ -37,7 +37,7 @@ def _(result: Diagnosed) -> Iterator[str | Table]:
     errors = f"in-sample {inside}, held-out {outside} ({diagnosis.held_out_by}), rows weighted by their samples"
     yield f"{errors}; noise floor {floor} deg/h RMS"
     yield ""
-    yield from _where(diagnosis)
+    yield from where_it_fails(diagnosis)
     yield from _suspects(diagnosis)
     yield from _formulas(diagnosis)
     yield from (shown.words for shown in (diagnosis.kernel, diagnosis.surface) if shown is not None)
@@ -94,15 +94,17 @@ def next_run(diagnosis: analysis.Diagnosis, imported: bool) -> Iterator[str]:
         yield str(proposed["why"])
 
 
-def _where(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
+def where_it_fails(diagnosis: analysis.Diagnosis) -> Iterator[str | Table]:
+    """The places: what is systematic there, the RMS beside the floor, and how often chance would show it."""
     if diagnosis.where:
         yield "Where it fails"
         rows = []
         for p in diagnosis.where:
             ratio = f"{p.floor_ratio:.2f} x floor" if isfinite(p.floor_ratio) else f"{p.rms_dph:.4g} deg/h RMS"
             odds = f"p = {p.p:.1e}" if p.p >= _SURE else f"p < {_SURE:g}"
-            rows.append((p.channel, f"{' to '.join(ends(p.low, p.high))} {p.unit}", f"{ratio}, {odds}", p.note))
-        yield table(("", "", "", ""), rows, indent=2)
+            size = f"{number(p.misfit_dph)} deg/h systematic"
+            rows.append((p.channel, f"{' to '.join(ends(p.low, p.high))} {p.unit}", size, f"{ratio}, {odds}", p.note))
+        yield table(("", "", "", "", ""), rows, indent=2)
         yield ""
 
 

@@ -129,12 +129,16 @@ function span({ from, to, unit }) {
   return between(number(from, digits), `${number(to, digits)} ${symbols(unit)}`.trim());
 }
 
+const dph = (value) => `${number(value)} ${symbols("deg/h")}`;
+
+/** Places: what is systematic there, and the RMS beside the floor, which may be below 1 where a misfit is certain. */
 function Where({ places }) {
   if (!places?.length) return null;
   return html`<details class="wb-where" open><summary>${t("workbench.where.title")}</summary><ul>
     ${places.slice(0, 5).map((place, i) => html`<li key=${i}>
       <b>${quantity(place.channel)}</b> ${span(place)}${sign(": ")}
-      ${place.floor_ratio === null ? `${number(place.rms_dph)} ${symbols("deg/h")}` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
+      ${t("workbench.where.misfit", { misfit: dph(place.misfit_dph) })}${sign(", ")}
+      ${place.floor_ratio === null ? `${t("figure.label.RMS")} ${dph(place.rms_dph)}` : t("workbench.where.ratio", { ratio: number(place.floor_ratio, 2) })}
       ${place.note ? html` <span class="wb-soft"><${Said} text=${place.note} /></span>` : null}</li>`)}
   </ul></details>`;
 }
