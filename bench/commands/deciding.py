@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from bench.analysis import Diagnosis
 from bench.base import InputError
-from bench.commands.acquisition import Task, conduct, load_station
+from bench.commands.acquisition import Task, conduct, load_station, refuse_wrong
 from bench.commands.diagnosis import diagnose
 from bench.commands.results.analyse import Decided, Round
-from bench.record import RunFolder
+from bench.record import Manifest, RunFolder
 
 
 def decide(  # noqa: PLR0913, PLR0917 - options of one command
@@ -26,11 +27,13 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
 ) -> Decided:
     """Diagnose and run what is proposed, at most `most` times.
 
-    Raises InputError: runs that cannot be diagnosed, a profile that the station cannot run, a station that simulates
-    while the runs are of real equipment; ends with the error of a run that was not completed.
+    Raises InputError: before any diagnosis, a station that is not there, has not the unit, or simulates while the runs
+    are of real equipment, and a folder that cannot be written; runs that cannot be diagnosed; a profile that the
+    station cannot run. Ends with the error of a run that was not completed.
     """
-    known = {"run": list(runs), "check": list(check), "static": [] if static is None else [static]}
     manifest = RunFolder(runs[0]).manifest()
+    _refuse_unready(manifest, station, (runs[0], out))
+    known = {"run": list(runs), "check": list(check), "static": [] if static is None else [static]}
     rounds: list[Round] = []
     while True:
         plan = runs[0] / f"decide_{len(rounds) + 1}.yaml"
@@ -43,14 +46,26 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
         reason = _no_more(use, bool(proposed["decides"]), len(rounds), most)
         if reason:
             return Decided(found, False, reason, (*rounds, Round(plan, use, why)))
-        if manifest.simulated is False and load_station(station).simulated:
-            text = f"{manifest.run} is of real equipment, and the proposed run would be simulated"
-            raise InputError(f"{text}: name the station that has the unit with --station, or run {plan} there", station)
         result = conduct(plan, station, Task((manifest.unit,), {}, out), quiet)
         if result.error is not None:
             raise result.error
         rounds.append(Round(plan, use, why, result.run.path))
         known[use].append(result.run.path)
+
+
+def _refuse_unready(manifest: Manifest, station: Path | None, written: Sequence[Path]) -> None:
+    """What would end the command once a run is proposed is told before minutes of diagnosis."""
+    settings = load_station(station)
+    if manifest.simulated is False and settings.simulated:
+        text = f"{manifest.run} is of real equipment, and the proposed run would be simulated"
+        how = "name the station that has the unit with --station, or run what `bench diagnose` proposes there"
+        raise InputError(f"{text}: {how}", station)
+    settings.chosen([manifest.unit])
+    refuse_wrong(settings)
+    for folder in written:
+        there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+        if not (there.is_dir() and os.access(there, os.W_OK)):
+            raise InputError("cannot be written: it is no folder, or it is read-only; choose another place", there)
 
 
 def _settled(found: Diagnosis, rounds: Sequence[Round]) -> str:
