@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bench.acquisition.profile import profile
+from bench.acquisition.run.rehearsal import rehearse
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.discrimination import Discrimination, between
 from bench.analysis.diagnosis.evidence import weigh
@@ -18,6 +19,7 @@ from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import fit_rows
+from bench.commands.acquisition import load_station
 from bench.mystery import virtual
 from bench.record.dataset import Dataset
 from drivers.sim.resonator import UnitSettings
@@ -272,7 +274,16 @@ def test_limits_are_what_the_runs_showed(runs):
     limits = chamber_limits([runs["thermal_lag"]])
     assert -6.0 <= limits.lowest_degc <= -2.0
     assert 62.0 <= limits.highest_degc <= 67.0
-    assert 1.5 <= limits.heating_degc_per_min <= 2.5
+    assert 0.9 <= limits.heating_degc_per_min <= 1.05
+    assert 0.9 <= limits.cooling_degc_per_min <= 1.05
+
+
+def test_a_plan_takes_as_long_as_the_check_of_its_profile_says_and_no_longer_than_the_budget():
+    station, limits = load_station(None), ChamberLimits(-25.0, 85.0, 2.1, 2.0)
+    for plan in plans(limits):
+        foreseen = rehearse(profile.profile_from_text(plan.to_yaml(limits, "why")), station)[-1].to_s
+        assert plan.expected_s == pytest.approx(foreseen, rel=0.1), plan.name
+        assert all(one.expected_s <= 60.0 * limits.budget_min for one in repetitions(plan, limits))
 
 
 def test_a_diagnosis_that_leaves_nothing_open_needs_no_experiment(runs):

@@ -62,7 +62,8 @@ run, in which somebody has to move what the chamber does not."""
 @dataclass(frozen=True)
 class Proposal:
     """A run to do next. `predicted_*` are the expected gaps D of the pair that is hardest to tell apart, NaN where
-    nothing was predicted; `probability_*` are what they give for a decision.
+    nothing was predicted; `probability_*` are what they give for a decision. `duration_min` holds for a chamber that
+    keeps up the rates that the runs showed (`Plan.expected_s`).
     """
 
     separates: tuple[str, ...]
@@ -251,7 +252,7 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: Cha
     scored = list(zip(shared([partial(rated.expected, plan) for plan in longer], workers), longer, strict=True))
     most = max(after.probability for after, _ in scored)
     enough = [pair for pair in scored if pair[0].probability >= min(_ENOUGH, most)]
-    after, plan = min(enough, key=lambda pair: pair[1].duration_s)
+    after, plan = min(enough, key=lambda pair: pair[1].expected_s)
     names = tuple(rival.name for rival in rivals if rival.tied)
     often = after.after(before, _MOST_RUNS).probability
     tried = len(library) + len(longer) - _CLOSELY
@@ -290,4 +291,4 @@ def _proposal(
     use: Use = "run",
 ) -> Proposal:
     text = plan.to_yaml(limits, f"Tells apart: {', '.join(names)}; {why}.")
-    return Proposal(names, why, *predicted, plan.duration_s / 60.0, plan.name, text, use=use)
+    return Proposal(names, why, *predicted, plan.expected_s / 60.0, plan.name, text, use=use)

@@ -31,7 +31,6 @@ _SOAKS_MIN = (0.0, 10.0, 30.0)
 _LAST_MIN = 20.0
 """Rest at the end, so that the unit gets there: a cell that it half went through looks unlike the lot's."""
 _LEAST_RECOGNISED = 0.97
-_ROUND = 20.0  # parts of a degC/min: what the thermometer adds to a rate is below
 _ROW_S = 30.0
 _SETTLE_MIN = 10.0
 
@@ -64,7 +63,7 @@ class ShortPlan:
 def driven_limits(prior: Prior) -> ChamberLimits:
     """Range and rates that the lot was driven at."""
     low, high = float(prior.cells.borders[0]), float(prior.cells.borders[-1])
-    rates = [round(_ROUND * rate) / _ROUND for rate in kept_rates(prior.records)]
+    rates = kept_rates(prior.records)
     if min(rates) <= 0.0:
         raise InputError("the runs of this lot do not go through temperatures both ways; a plan needs their rates")
     return ChamberLimits(low, high, *rates)
