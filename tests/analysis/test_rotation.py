@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis import diagnose as diagnosing
 from bench.analysis.diagnosis.compare import beside_rotation, compare, ladder, plain_name
 from bench.analysis.diagnosis.improve import add_effect
+from bench.analysis.diagnosis.levelling import levelled
+from bench.analysis.diagnosis.still import Still
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.model import Model, load_model
 from bench.analysis.effects.registry import make
+from bench.analysis.fit.design import fit_rows
 from bench.analysis.fit.fitting import fit_model
+from bench.analysis.noise.floor import Floor, noise_floor
 from bench.record import Dataset
 
 
@@ -66,3 +72,37 @@ def test_effects_that_share_a_term_can_be_added_one_after_the_other(order):
     assert fit.rms_dph == pytest.approx(0.1, rel=0.1)
     known = {c.key.split(".")[1]: c.value for c in fit.coefficients}
     assert known.get("s0", known.get("c1")) == pytest.approx(40.0, abs=1.0)
+
+
+RATES = [0.0, 60.0, -60.0, 120.0, -120.0]
+
+
+@pytest.fixture(scope="module")
+def isothermal():
+    """Six hours at 25 degC with the same noise: at rest, and on a table that changes its rate every minute."""
+    rows = np.arange(720)
+    return tuple(turned(np.full(720, 25.0), rate) for rate in (np.zeros(720), np.choose(rows // 2 % 5, RATES)))
+
+
+def test_an_isothermal_run_that_turned_tells_the_noise_as_one_at_rest_does(isothermal):
+    resting, turning = isothermal
+    floors = [noise_floor([resting], 30.0, one).floor_dph for one in isothermal]
+    assert floors[1] == pytest.approx(floors[0], rel=0.05)
+    steps = [np.std(Still.of(one, 30.0).record.steps(30.0)) for one in isothermal]
+    assert steps[1] == pytest.approx(steps[0], rel=0.05)
+    assert "at one rate" in noise_floor([turning], 30.0).reason, "the soaks of a run are too short to tell"
+
+
+def test_the_error_of_a_scale_factor_between_two_rates_is_no_white_noise(isothermal):
+    data, noise = ramp(), np.random.default_rng(2).normal(0.0, 0.1, 1200)
+    data = data.with_channel("rate", 3600.0 * data.channel("applied_rate") * (1.0 + 40e-6) + noise)
+    fit = fit_model(load_model("polynomial"), data)
+    rows = fit_rows(fit.model, (data,), [np.isfinite(residual) for residual in fit.residuals])
+    layout = Layout(rows, np.array(list(fit.theta.values())), Still.of(isothermal[0], 30.0))
+    assert levelled(layout) == (layout, "")
+
+
+def test_a_floor_that_the_isothermal_run_does_not_tell_is_said_with_its_reason(isothermal, monkeypatch):
+    monkeypatch.setattr(diagnosing, "noise_floor", lambda *_, **__: Floor(reason="no stretch of it"))
+    case = diagnosing._Case.of((ramp(),), load_model("spline"), isothermal[0], None, np.nan)
+    assert "the isothermal run turned does not tell the noise floor: no stretch of it" in case.notes

@@ -152,9 +152,9 @@ class _Case:
         layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
         layout, noise = levelled(layout)
         floor = floor_dph
-        if floor is None:
-            found = noise_floor(runs, runs[0].interval_s, static)
-            floor = found.floor_dph
+        if floor is None or not np.isfinite(floor):
+            found = noise_floor(runs, runs[0].interval_s, static, intervals=False)
+            floor = found.floor_dph if floor is None else floor
             if static is not None and found.reason:
                 notes.append(f"the isothermal run {static.name} does not tell the noise floor: {found.reason}")
         layout = resolved(layout, floor)

@@ -1,8 +1,8 @@
 """White noise of a run beside that of its isothermal record: where it grows with temperature, that is not drift.
 
-Neighbouring rows differ almost only by white noise, even where the model lacks an effect. Where their differences are
-not those of the isothermal record, the run's white variance is taken from them, by temperature; what the noise test
-still finds after that is slow.
+Neighbouring rows at one rate of the table differ almost only by white noise, even where the model lacks an effect.
+Where their differences are not those of the isothermal record, the run's white variance is taken from them, by
+temperature; what the noise test still finds after that is slow.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.analysis.diagnosis.suspects import Layout
+from bench.analysis.thresholds import TURNING_DPS
 from bench.base import FloatArray, IntArray
 
 _BINS = 6  # of temperature
@@ -23,7 +24,9 @@ def levelled(layout: Layout) -> tuple[Layout, str]:
     if layout.still is None:
         return layout, ""
     problem = layout.problem
-    near = np.flatnonzero(np.diff(problem.time_s) < 1.5 * problem.interval_s)
+    applied = [np.nan_to_num(r.channels.get("applied_rate", np.zeros(len(r)))) for r in layout.rows.records]
+    at_one_rate = np.abs(np.diff(layout.stacked(applied))) <= TURNING_DPS
+    near = np.flatnonzero((np.diff(problem.time_s) < 1.5 * problem.interval_s) & at_one_rate)
     square = (np.diff(layout.beyond(problem.y))[near] / np.sqrt(_pairs(problem.white, near))) ** 2
     still = problem.statics[0].steps(problem.interval_s) ** 2  # the unit's own; sisters have a white noise of theirs
     temperature = layout.temperature

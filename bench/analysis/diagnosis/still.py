@@ -11,6 +11,7 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.diagnosis.probes import despike
 from bench.analysis.noise.likelihood import Record
+from bench.analysis.noise.turning import at_rest, scale_columns
 from bench.analysis.thresholds import LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
 from bench.base import FloatArray, InputError, IntArray
 from bench.record import Dataset
@@ -37,11 +38,12 @@ class Still:
                 f"standing still, at least {LEAST_STATIC_ROWS} are needed: record some hours at one temperature"
             )
         rows = np.flatnonzero(still)
+        means = at_rest(means, rows)
         return cls(means, rows[despike(means.bias[rows])])  # as the runs are
 
     @cached_property
     def record(self) -> Record:
-        """The noise, beside a constant, the temperature and settling.
+        """The noise, beside a constant, the temperature, settling and the scale factor, where a table changed its rate.
 
         A trend in time, which the temperature does not explain, is left to the noise: nothing else tells a slow cause
         from a random walk.
@@ -50,7 +52,7 @@ class Still:
         settling = np.exp((time[0] - time) / _SETTLES_S)
         temperature = self.means.channel("temperature")[self.rows]
         moved = np.nan_to_num(temperature - np.nanmean(temperature))
-        trend = np.column_stack([np.ones_like(settling), settling, moved])
+        trend = np.column_stack([np.ones_like(settling), settling, moved, scale_columns(self.means, self.rows)])
         return Record(time, self.means.bias[self.rows], trend, np.maximum(np.median(count) / count, 1.0))
 
     def beside(self, terms: Iterable[FloatArray]) -> Record:

@@ -11,6 +11,7 @@ from bench.analysis.noise.allan import AllanCurve, allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Estimate, Noise, estimate_noise
 from bench.analysis.noise.lines import Line, without_lines
+from bench.analysis.noise.turning import at_rest
 from bench.analysis.thresholds import CYCLES_DEGC, LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
 from bench.base import BoolArray, FloatArray, InputError, IntArray, number
 from bench.record import Dataset
@@ -62,7 +63,8 @@ def noise_floor(
     are (1 s means). `intervals` takes half a second more.
     """
     sources = tuple(runs) if static is None else (static,)
-    stretches = [(source, name, rows) for source in sources for name, rows in _stretches(source)]
+    turning = static is not None
+    stretches = [(source, name, rows) for source in sources for name, rows in _stretches(source, turning)]
     of = "" if static is None else static.name
     if not stretches:
         turned = any(len(source) and _turns(source, np.arange(len(source))) for source in sources)
@@ -93,10 +95,11 @@ def noise_floor(
     return replace(found, noise=estimate.with_intervals(), interval_dph=estimate.floor_interval(interval_s, duration_s))
 
 
-def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
+def _stretches(base: Dataset, turning: bool) -> list[tuple[str, IntArray]]:
     """Rows of each isothermal stretch: each soak after its settling, or any stand-still where there are no segments.
 
-    A run of which the temperature cycles about one value is a single stretch.
+    A run of which the temperature cycles about one value is a single stretch. With `turning` a table may change its
+    rate in all of them: an isothermal run is long enough to tell the error of the scale factor from noise.
     """
     soaks = [segment for segment in base.segments if segment.settles]
     if soaks:
@@ -108,8 +111,9 @@ def _stretches(base: Dataset) -> list[tuple[str, IntArray]]:
             runs = [np.arange(len(base))]
         tails = [(f"still at {np.nanmean(base.channel('temperature')[rows]):.0f} °C", rows) for rows in runs]
     long = [(name, rows) for name, rows in tails if rows.size and np.ptp(base.time[rows]) >= LEAST_STRETCH_S]
-    at_rest = [(name, rows) for name, rows in long if not _turns(base, rows)]
-    return at_rest or [(name, rows) for name, rows in long if not _changes(base, rows)]
+    resting = [(name, rows) for name, rows in long if not _turns(base, rows)]
+    at_one_rate = resting or [(name, rows) for name, rows in long if not _changes(base, rows)]
+    return at_one_rate or (long if turning else [])
 
 
 def stretches_of(flags: BoolArray) -> list[tuple[int, int]]:
@@ -164,7 +168,7 @@ def _on_grid(base: Dataset, rows: IntArray) -> Stretch:
 
     variances = base.variances.get("rate")
     counts = None if variances is None else grid(base.count("rate"))
-    bias = base.bias
+    bias = at_rest(base, rows).bias
     if rows.size == len(base) and not _still(base).all():
         moving = np.column_stack([base.channel("temperature"), base.dT_dt])
         known = rows[np.isfinite(bias[rows]) & np.isfinite(moving[rows]).all(axis=1)]
