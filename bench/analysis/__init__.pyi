@@ -9,7 +9,6 @@ from .diagnosis.compare import compare as compare
 from .diagnosis.compare import error_of as error_of
 from .diagnosis.compare import ladder as ladder
 from .diagnosis.compare import plain_name as plain_name
-from .diagnosis.decision import bound_notes as bound_notes
 from .diagnosis.described import DescribedFormula as DescribedFormula
 from .diagnosis.diagnose import diagnose as diagnose
 from .diagnosis.every_sample import compare_every_sample as compare_every_sample
@@ -20,6 +19,7 @@ from .diagnosis.improve import Improvement as Improvement
 from .diagnosis.improve import add_effect as add_effect
 from .diagnosis.improve import improve as improve
 from .diagnosis.kernel import Kernel as Kernel
+from .diagnosis.notes import bound_notes as bound_notes
 from .diagnosis.scores import Comparison as Comparison
 from .diagnosis.scores import HeldOut as HeldOut
 from .diagnosis.scores import Score as Score

@@ -12,12 +12,14 @@ from scipy.stats import norm
 
 from bench.analysis.diagnosis.decision import decide, explains, with_formulas
 from bench.analysis.diagnosis.describing import _doubted
-from bench.analysis.diagnosis.diagnose import _of_check, borne_out, diagnose, proved_first
+from bench.analysis.diagnosis.diagnose import borne_out, diagnose, proved_first
 from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.notes import of_check, slow_floor
 from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
+from bench.analysis.noise.likelihood import Record
 from bench.analysis.noise.probability import sized
 from bench.record.dataset import Dataset
 
@@ -203,7 +205,17 @@ def test_the_nearest_entry_is_the_one_that_the_sentence_names():
 def test_a_check_run_that_is_quite_unlike_the_run_is_asked_about(error_dph, asked):
     """Its rate was in deg/s, under a header that says deg/h."""
     base = Unseen(error_dph, error_dph, left=LeftOut("check", np.full(9, error_dph), np.ones(9)))
-    assert any("is it of this unit" in note for note in _of_check(base, base, 0.1)) is asked
+    assert any("is it of this unit" in note for note in of_check(base, base, 0.1)) is asked
+
+
+@pytest.mark.parametrize(("walk_dph", "said"), [(0.02, True), (0.0, False)])
+def test_a_floor_that_is_slow_for_the_most_part_may_hold_a_cause_that_no_channel_records(walk_dph, said):
+    rng = np.random.default_rng(3)
+    time = 30.0 * np.arange(400)
+    noise = rng.normal(0.0, 0.05, time.size) + np.cumsum(rng.normal(0.0, walk_dph, time.size))
+    problem = SimpleNamespace(statics=[Record(time, noise, np.ones((time.size, 1)))], interval_s=30.0)
+    (note,) = slow_floor(problem, float(np.std(noise))) or ("",)
+    assert note.startswith("most of the noise floor is slow, its white part is 0.05") is said
 
 
 def test_what_was_found_beside_a_drift_and_raises_the_error_is_not_said_to_lower_it():

@@ -13,7 +13,7 @@ from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.verdict import Explanation
 from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
-from bench.base import FloatArray, number
+from bench.base import FloatArray
 
 ON_UNSEEN = "the error on unseen data is"
 """Begins the reason that unseen data show more than the noise."""
@@ -125,13 +125,3 @@ def explains(formula: DescribedFormula, floor_dph: float) -> bool | None:
 def bound_only(floor_dph: float, left_dph: float) -> bool:
     """Whether the error on unseen data [deg/h] lies well below the noise floor, which is then an upper bound only."""
     return floor_dph > EXPLAINED_RATIO * left_dph
-
-
-def bound_notes(floor_dph: float, left_dph: float) -> tuple[str, ...]:
-    """A note where the noise floor is an upper bound only."""
-    if not bound_only(floor_dph, left_dph):
-        return ()
-    return (
-        f"the error on unseen data falls to {number(left_dph)} deg/h, below the noise floor, which is an upper bound "
-        "here: what it is read from is short, or has a part of what is missing",
-    )

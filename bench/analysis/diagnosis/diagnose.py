@@ -13,13 +13,14 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_notes, bound_only, decide, with_formulas
+from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
+from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, slow_floor
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
@@ -47,15 +48,12 @@ from bench.analysis.thresholds import (
     PROVED_FALL,
     TIE,
 )
-from bench.base import FloatArray, InputError, listed, number, usual_workers
+from bench.base import FloatArray, InputError, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
 _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
-_UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
-_SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
-_OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
 _CERTAIN = 3.0 * FORMULA_EVIDENCE  # evidence of a formula that chance never reached
 _LESS = 0.9  # of the noise floor: effects found that take less out of it are not in the isothermal run
 _UNMOVED = "the run does not change what this effect acts on: its terms look like those of the model"
@@ -210,8 +208,9 @@ class _Case:
             notes=(
                 *self.notes,
                 *floor_note,
-                *_constants(base, self.fit.rms_dph, runs),
-                *_of_check(base, improved, self.fit.rms_dph),
+                *constants(base, self.fit.rms_dph, runs),
+                *of_check(base, improved, self.fit.rms_dph),
+                *(slow_floor(self.layout.problem, floor_dph) if decision.word == "adequate" else ()),
             ),
             model=self.fit.model,
             improved=explained.layout.rows.model,
@@ -226,7 +225,7 @@ class _Case:
         left_dph = improved.rms_dph if answer.leading is None else answer.leading.held_out_rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left_dph))
         answer = replace(answer, notes=notes)
-        apart_dph = base.apart_dph if _apart(base, self.fit.rms_dph) else np.nan
+        apart_dph = base.apart_dph if differ(base, self.fit.rms_dph) else np.nan
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why, apart_dph))
 
     def shown(self, answer: Diagnosis, channels: Sequence[str] = ()) -> Diagnosis:
@@ -374,43 +373,6 @@ def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
         "because the misfit of a coarse curve looks like an effect"
     )
     return fit, [text]
-
-
-def _apart(base: Unseen, rms_dph: float) -> bool:
-    """Whether the fitted runs differ by constants that are worth a note."""
-    return bool(base.above_dph and base.apart_dph < _SHAPE_ALONE * rms_dph)
-
-
-def _constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[str, ...]:
-    """The note that the fitted runs differ by constants, where they do."""
-    if not _apart(base, rms_dph):
-        return ()
-    above = [f"{run.name} {mean:+.3g}" for run, mean in zip(runs[1:], base.above_dph, strict=True)]
-    text = f"the fitted runs differ by constants, such as their turn-on biases, from {runs[0].name}"
-    return (f"{text}: {listed(above)} deg/h",)
-
-
-def _of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
-    """Notes of what is in the error on the check runs beside what a proof compares, where that matters."""
-    notes = []
-    if base.outside > _OUTSIDE:
-        notes.append(
-            f"{100.0 * base.outside:.0f} % of the check run is at temperatures that were not fitted: they are in the "
-            "held-out error and prove nothing"
-        )
-    parts = [("of the held-out error", base), ("of that with what was found", improved)]
-    apart = [
-        f"{which} {number(own.constant_dph)} deg/h"
-        for which, own in parts[: 1 if improved is base else 2]
-        if own.shape_dph < _SHAPE_ALONE * np.hypot(own.shape_dph, own.constant_dph)
-    ]
-    if apart:
-        text = f"{listed(apart)} is a constant of the check run, such as its turn-on bias"
-        notes.append(f"{text}; what an effect or a formula lowers is stated without it")
-    if base.left.by == "check" and base.left.rms_dph > _UNLIKE * rms_dph:
-        text = f"the check run's error is {base.left.rms_dph / rms_dph:.2g} x that of the fitted run"
-        notes.append(f"{text}: is it of this unit, in the same units?")
-    return tuple(notes)
 
 
 def _finer(asked: Effect, chosen: Effect) -> Effect:

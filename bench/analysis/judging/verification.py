@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.diagnosis.compare import error_of
-from bench.analysis.diagnosis.decision import bound_notes, bound_only
+from bench.analysis.diagnosis.decision import bound_only
+from bench.analysis.diagnosis.notes import bound_notes
 from bench.analysis.diagnosis.scores import HeldOut
 from bench.analysis.judging.change import Change, Figures
 from bench.analysis.judging.completeness import Completeness, completeness

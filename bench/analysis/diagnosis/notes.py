@@ -1,0 +1,75 @@
+"""Notes beside an answer: what is in its errors and in its floor that is no error of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.analysis.diagnosis.candidates import Problem
+from bench.analysis.diagnosis.decision import bound_only
+from bench.analysis.diagnosis.held_out import Unseen
+from bench.base import listed, number
+from bench.record import Dataset
+
+_UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
+_SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
+_SLOW = 2.0  # times its white part: most of a noise floor is slow
+_OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
+
+
+def differ(base: Unseen, rms_dph: float) -> bool:
+    """Whether the fitted runs differ by constants that are worth a note."""
+    return bool(base.above_dph and base.apart_dph < _SHAPE_ALONE * rms_dph)
+
+
+def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[str, ...]:
+    """The note that the fitted runs differ by constants, where they do."""
+    if not differ(base, rms_dph):
+        return ()
+    above = [f"{run.name} {mean:+.3g}" for run, mean in zip(runs[1:], base.above_dph, strict=True)]
+    text = f"the fitted runs differ by constants, such as their turn-on biases, from {runs[0].name}"
+    return (f"{text}: {listed(above)} deg/h",)
+
+
+def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
+    """Notes of what is in the error on the check runs beside what a proof compares, where that matters."""
+    notes = []
+    if base.outside > _OUTSIDE:
+        notes.append(
+            f"{100.0 * base.outside:.0f} % of the check run is at temperatures that were not fitted: they are in the "
+            "held-out error and prove nothing"
+        )
+    parts = [("of the held-out error", base), ("of that with what was found", improved)]
+    apart = [
+        f"{which} {number(own.constant_dph)} deg/h"
+        for which, own in parts[: 1 if improved is base else 2]
+        if own.shape_dph < _SHAPE_ALONE * np.hypot(own.shape_dph, own.constant_dph)
+    ]
+    if apart:
+        text = f"{listed(apart)} is a constant of the check run, such as its turn-on bias"
+        notes.append(f"{text}; what an effect or a formula lowers is stated without it")
+    if base.left.by == "check" and base.left.rms_dph > _UNLIKE * rms_dph:
+        text = f"the check run's error is {base.left.rms_dph / rms_dph:.2g} x that of the fitted run"
+        notes.append(f"{text}: is it of this unit, in the same units?")
+    return tuple(notes)
+
+
+def slow_floor(problem: Problem, floor_dph: float) -> tuple[str, ...]:
+    """A note where most of the noise of the isothermal run is slow: a cause that acts there, too, looks like it."""
+    steps = problem.statics[0].steps(problem.interval_s) if problem.statics else np.empty(0)
+    white_dph = float(np.sqrt(0.5 * np.mean(steps**2))) if steps.size else np.nan
+    if not floor_dph > _SLOW * white_dph:
+        return ()
+    text = f"most of the noise floor is slow, its white part is {number(white_dph)} deg/h"
+    return (f"{text}: a cause that no channel records looks the same where it acts in the isothermal run, too",)
+
+
+def bound_notes(floor_dph: float, left_dph: float) -> tuple[str, ...]:
+    """A note where the noise floor is an upper bound only."""
+    if not bound_only(floor_dph, left_dph):
+        return ()
+    return (
+        f"the error on unseen data falls to {number(left_dph)} deg/h, below the noise floor, which is an upper bound "
+        "here: what it is read from is short, or has a part of what is missing",
+    )
