@@ -8,6 +8,7 @@ import pytest
 
 from bench.acquisition.profile import profile
 from bench.acquisition.run.rehearsal import rehearse
+from bench.analysis.diagnosis import experiment
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.discrimination import Discrimination, between
 from bench.analysis.diagnosis.evidence import weigh
@@ -314,3 +315,23 @@ def test_a_suspect_that_takes_the_place_of_the_whole_model_leaves_nothing_to_pre
     suspect = SimpleNamespace(effect="spline", look_alikes=("bias_kink",), model=MODEL)
     answer = SimpleNamespace(leading=None, found=(suspect,), formulas=())
     assert next_experiment(answer, [record("thermal_lag")]) is None
+
+
+@pytest.mark.parametrize(("least_degc_per_min", "said"), [(0.5, False), (1.8, True), (9.0, False)])
+def test_rates_that_the_runs_did_not_show_are_proposed_only_where_they_decide_and_those_do_not(
+    monkeypatch, least_degc_per_min, said
+):
+    def designed(layout, rivals, noise, limits, more=""):
+        return SimpleNamespace(decides=limits.heating_degc_per_min >= least_degc_per_min, limits=limits, why=more)
+
+    monkeypatch.setattr(experiment, "_designed", designed)
+    monkeypatch.setattr(experiment, "chamber_limits", lambda records: ChamberLimits(-40.0, 85.0, 1.0, 1.0))
+    layout = SimpleNamespace(rows=SimpleNamespace(records=()))
+    rivals = [Rival(name, effects.make(name), (), 20.0) for name in ("thermal_lag", "hysteresis")]
+    found = propose(layout, rivals, (0, 0))
+    assert (found.limits.heating_degc_per_min, found.limits.cooling_degc_per_min) == (
+        (2.0, 1.5) if said else (1.0, 1.0)
+    )
+    assert ("it heats with up to 2 and cools with up to 1.5 degC/min, faster than these runs" in found.why) is said
+    own = ChamberLimits(-40.0, 85.0, 0.4, 0.4)
+    assert propose(layout, rivals, (0, 0), own).limits == own, "limits that are given are kept to"

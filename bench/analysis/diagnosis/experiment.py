@@ -24,6 +24,7 @@ from bench.analysis.diagnosis.plan import (
     Plan,
     chamber_limits,
     exciting,
+    faster,
     isothermal_plan,
     minor_loops,
     plans,
@@ -51,6 +52,7 @@ _HOPELESS = 0.5
 _MOST_RUNS = 3
 _MOST_RIVALS = 4  # formulas, the best first
 _NEAR = 2.0 * TIE  # evidence below the best within which an effect that is not tied may be tied after one more run
+_CHECK = "`bench check` tells how long a chamber takes that cannot follow"
 _CLOSELY = 4  # profiles of the library that are tried repeated and at every noise
 
 
@@ -211,21 +213,27 @@ def propose(
 
     Where a thermal one is the best, and others of another family are thermal, too, the run tells these apart: a run in
     which somebody moves a channel by hand is for what stays open then.
-    `limits` are what the chamber can do; by default the range that the runs visited and the rates that they showed.
+    `limits` are what the chamber can do; by default the range that the runs visited and the rates that they showed, or
+    faster ones where these decide nothing.
     """
     tied = [rival for rival in rivals if rival.tied]
     if len({rival.family for rival in tied}) < 2:
         return None
     records = layout.rows.records
-    limits = limits or chamber_limits(records)
+    shown = limits or chamber_limits(records)
     moved = {rival.name: _moved(rival.effect) for rival in tied}
     if not moved[tied[0].name] and len({rival.family for rival in tied if not moved[rival.name]}) > 1:
         # What the chamber can tell comes first: nobody has to be there.
         thermal = [rival for rival in rivals if not moved.get(rival.name)]
-        return _leaving_open(_designed(layout, thermal, noise, limits), [name for name in moved if moved[name]])
+        found = _designed(layout, thermal, noise, shown)
+        if limits is None and not found.decides:
+            quick = faster(shown)
+            other = _designed(layout, thermal, noise, quick, f"; {quick.rates}, faster than these runs: {_CHECK}")
+            found = other if other.decides else found
+        return _leaving_open(found, [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})
-    plan, why = exciting(limits, channels, tuple(moved))
-    return replace(_proposal(plan, limits, tuple(moved), why, use="by_hand"), channels=tuple(channels))
+    plan, why = exciting(shown, channels, tuple(moved))
+    return replace(_proposal(plan, shown, tuple(moved), why, use="by_hand"), channels=tuple(channels))
 
 
 def _moved(effect: Effect) -> list[str]:
@@ -241,7 +249,8 @@ def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
     return replace(proposal, why=f"{proposal.why}; {left}")
 
 
-def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: ChamberLimits) -> Proposal:
+def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: ChamberLimits, more: str = "") -> Proposal:
+    """The run of the library that tells these rivals apart; `more` is said of it, too."""
     rated = Discrimination(layout, rivals, noise)
     before = rated.expected(None)
     library = plans(limits)
@@ -276,7 +285,7 @@ def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: Cha
     else:
         why = f"{plan.reason}. Of {tried} profiles tried it is the best: it decides {promise}, {100 * often:.0f} % "
         why += f"after {_MOST_RUNS} such runs); diagnose all runs together after it"
-    found = _proposal(plan, limits, names, why, (before.gap, after.gap))
+    found = _proposal(plan, limits, names, f"{why}{more}", (before.gap, after.gap))
     return replace(
         found, expected=(before.probability, after.probability), after_repeats=often, decides=often >= _HOPELESS
     )

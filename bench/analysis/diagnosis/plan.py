@@ -43,6 +43,12 @@ class ChamberLimits:
         if not self.lowest_degc < self.highest_degc or min(self.heating_degc_per_min, self.cooling_degc_per_min) <= 0:
             raise InputError(f"a chamber needs a range and rates above zero, not {self}")
 
+    @property
+    def rates(self) -> str:
+        """Its rates in words."""
+        heating, cooling = self.heating_degc_per_min, self.cooling_degc_per_min
+        return f"it heats with up to {heating:g} and cools with up to {cooling:g} degC/min"
+
     def at(self, share: float) -> float:
         """Whole temperature [degC] at a share of the range."""
         return float(round(self.lowest_degc + share * (self.highest_degc - self.lowest_degc)))
@@ -125,6 +131,12 @@ def chamber_limits(records: Sequence[Dataset]) -> ChamberLimits:
     temperature = np.concatenate([record.channel("temperature") for record in records])
     low, high = float(np.ceil(np.nanmin(temperature))), float(np.floor(np.nanmax(temperature)))
     return ChamberLimits(low, high, *(rate or _UNSEEN_RATE for rate in kept_rates(records)))
+
+
+def faster(limits: ChamberLimits) -> ChamberLimits:
+    """Rates above those that runs showed, which most chambers reach; nearly every one heats faster than it cools."""
+    heating, cooling = 2.0 * limits.heating_degc_per_min, 1.5 * limits.cooling_degc_per_min
+    return replace(limits, heating_degc_per_min=round(heating, 1), cooling_degc_per_min=round(cooling, 1))
 
 
 def kept_rates(records: Sequence[Dataset]) -> tuple[float, float]:
