@@ -27,12 +27,14 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
 ) -> Decided:
     """Diagnose and run what is proposed, at most `most` times.
 
-    Raises InputError: before any diagnosis, a station that is not there, has not the unit, or simulates while the runs
-    are of real equipment, and a folder that cannot be written; runs that cannot be diagnosed; a profile that the
-    station cannot run. Ends with the error of a run that was not completed.
+    Raises InputError: before any diagnosis, a folder that cannot be written, and a station that is named and is not
+    there, has not the unit, or simulates while the runs are of real equipment; runs that cannot be diagnosed; a profile
+    that the station cannot run. Ends with the error of a run that was not completed.
     """
     manifest = RunFolder(runs[0]).manifest()
-    _refuse_unready(manifest, station, (runs[0], out))
+    _refuse_unwritable((runs[0], out))
+    if station is not None:  # the runs alone may decide, and then need none
+        _refuse_station(manifest, station)
     known = {"run": list(runs), "check": list(check), "static": [] if static is None else [static]}
     rounds: list[Round] = []
     while True:
@@ -46,6 +48,7 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
         reason = _no_more(use, bool(proposed["decides"]), len(rounds), most)
         if reason:
             return Decided(found, False, reason, (*rounds, Round(plan, use, why)))
+        _refuse_station(manifest, station)
         result = conduct(plan, station, Task((manifest.unit,), {}, out), quiet)
         if result.error is not None:
             raise result.error
@@ -53,8 +56,8 @@ def decide(  # noqa: PLR0913, PLR0917 - options of one command
         known[use].append(result.run.path)
 
 
-def _refuse_unready(manifest: Manifest, station: Path | None, written: Sequence[Path]) -> None:
-    """What would end the command once a run is proposed is told before minutes of diagnosis."""
+def _refuse_station(manifest: Manifest, station: Path | None) -> None:
+    """A station that cannot make the run that is proposed."""
     settings = load_station(station)
     if manifest.simulated is False and settings.simulated:
         text = f"{manifest.run} is of real equipment, and the proposed run would be simulated"
@@ -62,6 +65,10 @@ def _refuse_unready(manifest: Manifest, station: Path | None, written: Sequence[
         raise InputError(f"{text}: {how}", station)
     settings.chosen([manifest.unit])
     refuse_wrong(settings)
+
+
+def _refuse_unwritable(written: Sequence[Path]) -> None:
+    """Folders that what is proposed, and its run, cannot be written to."""
     for folder in written:
         there = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
         if not (there.is_dir() and os.access(there, os.W_OK)):

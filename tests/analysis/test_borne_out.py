@@ -15,7 +15,9 @@ OWN = RunVerdict("adequate", "Complete, no frame lost; spline leaves 1.1 × the 
 
 
 def headline(before, after, verdict, named=(), model="spline"):
-    answer = SimpleNamespace(verdict=verdict, found=(FOUND,), named=named, model=SimpleNamespace(name=model))
+    answer = SimpleNamespace(
+        verdict=verdict, found=(FOUND,), named=named, model=SimpleNamespace(name=model), resolution=""
+    )
     rungs = (
         Rung("spline", 1.0, before),
         Rung("+ resonance_frequency", 0.9, after),

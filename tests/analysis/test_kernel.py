@@ -161,7 +161,8 @@ def test_a_name_on_its_bound_gives_way_to_a_formula_that_is_as_good():
     (creep,) = answer.found
     assert creep.parameters["tau_h"].at_bound
     best = answer.formulas[0]
-    assert (answer.verdict, best.proof.proved) == ("unknown_effect", True)
+    # Of one heating and one cooling only parts can be left out, into which it is interpolated.
+    assert (answer.verdict, best.proof.falls, best.proof.proved) == ("unknown_effect", True, False)
     tau_s = float(re.fullmatch(r"k \* lag\(dT_dt, ([\d.]+)\)", best.formula)[1])
     assert tau_s == pytest.approx(1200.0, rel=0.1)
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from bench.acquisition.run.runner import run_job
 from bench.acquisition.station.settings.station import StationSettings
 from bench.base import config
 from bench.cli import main
-from bench.commands import deciding
+from bench.commands import Diagnosed, deciding
 from tests.support import acquisition
 from tests.support.run_folders import make_run, ramp_run
 
@@ -81,15 +82,25 @@ def test_a_tie_is_decided_by_the_runs_that_the_bench_makes_itself(tmp_path: Path
     assert answer["diagnosis"]["next_experiment"] is None
 
 
-def test_what_the_runs_decide_already_makes_no_run(tmp_path: Path) -> None:
-    station = tmp_path / "station.yaml"
-    station.write_text(STATION)
+def test_what_the_runs_decide_already_needs_no_station(tmp_path: Path) -> None:
     run = make_run(tmp_path / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1")
-    code, text, error = bench("decide", run, "--model", "spline", "--station", station, "--json")
+    code, text, error = bench("decide", run, "--model", "spline", "--json")
     assert not error
     answer = json.loads(text)
     assert answer["diagnosis"]["next_experiment"] is None
     assert (code, answer["decided"], answer["rounds"]) == (0, True, [])
+
+
+def test_no_simulated_run_is_made_beside_real_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = make_run(tmp_path / "reports" / "U-1" / "r1", **ramp_run(), unit="U-1", run="r1", simulated=False)
+    proposed = {"use": "run", "why": "it tells", "decides": True}
+    open_ = Diagnosed(SimpleNamespace(next_experiment=proposed))
+    monkeypatch.setattr(deciding, "diagnose", lambda *_, **__: open_)
+    code, _, error = bench("decide", run, "--model", "spline", "--out", tmp_path / "reports")
+    assert code == 2
+    assert "r1 is of real equipment, and the proposed run would be simulated: name the station" in error
+    assert len(error.splitlines()) == 1
+    assert list((tmp_path / "reports" / "U-1").iterdir()) == [run]
 
 
 @pytest.mark.parametrize(

@@ -205,7 +205,7 @@ class Diagnosis:
     """Whether unseen data bear the verdict out; None where none could judge it."""
     nearest: str = ""
     """Effect that lowers the error on a check run and leaves much more than the noise there: not the cause."""
-    steps: str = ""
+    resolution: str = ""
     """What the steps of output and thermometer cause, where that is as much as what is left; else empty."""
 
     @property
@@ -288,6 +288,6 @@ class Diagnosis:
             "not_excited": [{"effect": name, "reason": why} for name, why in self.not_excited.items()],
             "smallest_detectable": [limit.to_json() for limit in self.smallest_detectable],
             "noise_finding": self.noise_finding or None,
-            "steps": self.steps or None,
+            "resolution": self.resolution or None,
             "notes": list(self.notes),
         }

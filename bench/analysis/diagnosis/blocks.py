@@ -133,12 +133,12 @@ class Block:
 
     def _with(self, name: str, ends: Bounds, tried: Sequence[float], text: str, words: str) -> Block:
         """One parameter more; what is made of it grows no further."""
-        grid = tuple((*own, value) for own in self.grid for value in tried)
+        bounds = (*self.bounds, (name, ends))
+        order = sorted(range(len(bounds)), key=lambda i: text.index(f"{{{bounds[i][0]}}}"))
+        grid = tuple(tuple((*own, value)[i] for i in order) for own in self.grid for value in tried)
         unit = "" if name in {"power", "limit", "level"} else self.unit
-        return replace(
-            self, text=text, words=words, unit=unit, bounds=(*self.bounds, (name, ends)), grid=grid, looser=None,
-            drives=False,
-        )  # fmt: skip
+        return replace(self, text=text, words=words, unit=unit, bounds=tuple(bounds[i] for i in order), grid=grid,
+                       looser=None, drives=False)  # fmt: skip
 
 
 def lagged(text: str, words: str, unit: str, length_s: float, every: int = 1) -> Block:

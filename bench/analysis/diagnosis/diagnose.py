@@ -204,7 +204,7 @@ class _Case:
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
             noise_finding=DRIFTS if explained.drifts and not steps else self.noise,
-            steps=steps,
+            resolution=steps,
             notes=(
                 *self.notes,
                 *floor_note,
@@ -230,7 +230,7 @@ class _Case:
 
     def shown(self, answer: Diagnosis, channels: Sequence[str] = ()) -> Diagnosis:
         """The answer with pictures of what nothing describes: the memory, and cells over two channels."""
-        described = any(formula.proof.proved for formula in answer.formulas) or answer.steps
+        described = any(formula.proof.proved for formula in answer.formulas) or answer.resolution
         if answer.verdict in {"unknown_effect", "undecided"} and not described:
             answer = replace(answer, kernel=kernel_of(self.layout, self.lattice))
             channels = channels or ("temperature", RATE_OF_TEMPERATURE)
@@ -285,7 +285,7 @@ class _Case:
         small = improved.shape_dph <= EXPLAINED_RATIO * describer.floor_dph
         known = not bound_only(describer.floor_dph, improved.rms_dph)
         enough = explained.word == "missing_effect" and bool(answer.proved) and small and known
-        if answer.steps:  # they look like many things
+        if answer.resolution:  # they look like many things
             return (), False
         found = describer.better(self.layout, explained) if enough else describer.describe(self.layout, explained)
         kept = tuple(one for one in found.formulas if borne_out(one) and not self._rounded(one))

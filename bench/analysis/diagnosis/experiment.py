@@ -129,7 +129,7 @@ def next_experiment(
     open_ = next((suspect for suspect in diagnosis.found if suspect.look_alikes and not described), None)
     if open_ is None:
         unknown = diagnosis.verdict == "unknown_effect" and (described is not None or not diagnosis.found)
-        open_word = (diagnosis.verdict == "undecided" and not diagnosis.steps) or unknown
+        open_word = (diagnosis.verdict == "undecided" and not diagnosis.resolution) or unknown
         try:
             if described and unknown:
                 return _between(described, (*runs, *check), static, limits)

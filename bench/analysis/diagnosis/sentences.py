@@ -134,10 +134,10 @@ def _undecided(answer: Diagnosis, why: str, left: str) -> str:
             f"{number(answer.floor_dph)}) is noise, and {why}. Diagnose both together: name the check run beside the "
             "run, not as --check."
         )
-    if answer.steps:
+    if answer.resolution:
         return (
             f"What is left ({left}, noise floor {number(answer.floor_dph)}) is as large as what steps cause: "
-            f"{answer.steps}. Record it with finer steps: no other run shows what they hide."
+            f"{answer.resolution}. Record it with finer steps: no other run shows what they hide."
         )
     ask = "record an isothermal run and give it as --static" if not answer.static else "record the run that is proposed"
     return (

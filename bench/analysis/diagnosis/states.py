@@ -65,7 +65,9 @@ def states(ranges: Ranges) -> list[Block]:
             Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried,
                   drives=True),
         ]  # fmt: skip
-    return [replace(block, drives=True) for block in blocks]
+    # Powers of what is on or off, or jumps back, are the same or no other cause.
+    jumps = "sawtooth(", "latch("
+    return [block if any(word in block.text for word in jumps) else replace(block, drives=True) for block in blocks]
 
 
 def latch(ranges: Ranges) -> Block:

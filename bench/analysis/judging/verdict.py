@@ -98,8 +98,8 @@ def with_diagnosis(verdict: RunVerdict, diagnosed: Diagnosed, floor_dph: float) 
         finding = f"{name} lacks something that no effect of the catalogue explains"
     elif answer.verdict == "undecided":
         finding = _undecided(name, tuple(suspect.effect for suspect in answer.found), steps)
-        if answer.steps:
-            finding = f"{name} leaves as much as what steps cause: {answer.steps}"
+        if answer.resolution:
+            finding = f"{name} leaves as much as what steps cause: {answer.resolution}"
     else:
         finding = f"{name} lacks {listed(missing)}"
         if len(missing) == 1:  # of several, each is proved beside the others

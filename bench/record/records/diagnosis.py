@@ -80,7 +80,7 @@ class DiagnosisRecord(Record):
     not_excited: tuple[dict[str, str], ...] = ()
     smallest_detectable: tuple[dict[str, Any], ...] = ()
     noise_finding: str | None = None
-    steps: str | None = None
+    resolution: str | None = None
     """What the steps of output and thermometer cause, where that is as much as what is left."""
     notes: tuple[str, ...] = ()
     profile: str | None = None

@@ -89,7 +89,7 @@ export function sentences(found) {
   if (found.verdict === "adequate")
     return [t("workbench.say.adequate", sizes), ...(found.static ? [] : [t("workbench.say.slow")])];
   if (found.verdict === "missing_effect") return [...missing(found), ...still(found)];
-  if (found.steps) return [t("workbench.say.steps", sizes), t("workbench.say.record_finer")];
+  if (found.resolution) return [t("workbench.say.steps", sizes), t("workbench.say.record_finer")];
   if (found.verdict === "undecided")
     return found.suspects.some((one) => one.found) ? missing(found)
       : [...(found.floor_dph === null ? [t("workbench.caption.no_floor")] : []), t("workbench.say.cause_or_noise", sizes), found.static ? t("workbench.say.record_next") : t("workbench.say.record_static")];
