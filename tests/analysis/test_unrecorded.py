@@ -13,12 +13,14 @@ from scipy.stats import norm
 from bench.analysis.diagnosis.decision import decide, explains, with_formulas
 from bench.analysis.diagnosis.describing import _doubted
 from bench.analysis.diagnosis.diagnose import borne_out, diagnose, proved_first
-from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.notes import of_check, slow_floor
 from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
+from bench.analysis.fit.design import fit_rows
+from bench.analysis.fit.fitting import fit_model
 from bench.analysis.noise.likelihood import Record
 from bench.analysis.noise.probability import sized
 from bench.record.dataset import Dataset
@@ -120,6 +122,18 @@ def test_rows_that_had_a_say_in_the_choice_of_a_formula_prove_it_beyond_what_the
         undetermined=(), period_s=0.0, formula=SimpleNamespace(blocks=(SimpleNamespace(text="lag("),))
     )
     assert _doubted(Proof(by, 0.6, 0.35, deviations), layout, [lag]).proved is proved
+
+
+def test_a_parameter_that_moves_the_curve_as_a_column_does_is_not_fitted_anew():
+    """Of a real loop a formula had one, and the diagnosis ended in an error."""
+    fit = fit_model(SPLINE, day(3), covariance="none")
+    rows = fit_rows(fit.model, (day(3),), [np.isfinite(fit.residuals[0])])
+    plain, same, free = (
+        unseen(rows, np.empty(0), (), slopes=slopes).left.residual
+        for slopes in (None, np.ones((rows.y.size, 1)), rows.time[0][:, None])
+    )
+    np.testing.assert_array_equal(plain, same)
+    assert not np.allclose(plain, free, equal_nan=True)
 
 
 @pytest.mark.parametrize(("error_dph", "word"), [(0.21, "undecided"), (1.2, "unknown_effect")])

@@ -66,8 +66,10 @@ def unseen(
         apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
             scores = _of_blocks(rows, solution, apart)
-            if slopes is not None:
-                solution = solve(np.hstack([slopes, columns]), rows.y, rows.weights)
+            for slope in () if slopes is None else slopes.T:
+                more = np.column_stack([slope, columns])
+                if (free := solve(more, rows.y, rows.weights)).condition <= MOST_CONDITION:  # else it is one of them
+                    columns, solution = more, free
             return Unseen(*scores, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
     except InputError as error:
