@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import mechanisms
 from benchmarks.__main__ import PAGE, SECTIONS, write
 from benchmarks.limits import bits, gyro_payloads
 from benchmarks.rounds import Case, Method, Row, Table, best, compared, measured
@@ -16,6 +17,10 @@ def test_the_page_has_a_place_for_every_section_and_every_module_makes_tables():
     for name, section in SECTIONS.items():
         assert page.count(f"<!-- benchmark: {name} -->\n") == page.count(f"<!-- end: {name} -->") == 1
         assert all(callable(import_module(f"benchmarks.{module}").tables) for module in section.modules)
+
+
+def test_no_mechanism_takes_the_name_of_another():
+    assert len(mechanisms.TRUTHS) == sum(len(mechanisms.truths(group)) for group in mechanisms.GROUPS)
 
 
 def test_a_section_is_replaced_and_the_rest_of_the_page_stays(tmp_path):

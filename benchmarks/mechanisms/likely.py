@@ -49,7 +49,7 @@ def vapour(celsius: FloatArray) -> FloatArray:
 # Sensing element and package
 
 
-def solder_that_creeps(w: World, rng: np.random.Generator) -> FloatArray:
+def solder_between_package_and_board(w: World, rng: np.random.Generator) -> FloatArray:
     """Solder between package and board yields by a power of its stress, the faster the warmer it is."""
     firm, power, slow = rng.uniform(10, 30), rng.uniform(3, 4.5), log_uniform(rng, 2000, 10000)
     eased = firm / slow * speed(w.case, rng.uniform(4000, 6500))
