@@ -222,7 +222,7 @@ class Describer:
             if not one.sized or (not self.check and one.evidence <= FORMULA_EVIDENCE):
                 continue
             after = layout.adding(one.effect, one.theta).settled(self.lattice.way(one.point), count)
-            scored = unseen(after.rows, after.theta, self.check, len(one.amplitudes), slopes=after.slopes)
+            scored = self._scored(after, len(one.amplitudes))
             each = _Ranked(one, after, scored, borne.gain(before.left, scored.left))
             if each.total > FORMULA_EVIDENCE:
                 ranked.append(each)
@@ -237,6 +237,10 @@ class Describer:
             elif each.one.formula != leaders[near].one.formula:
                 leaders[near] = _simpler(leaders[near], each, layout)
         return _judged(leaders)
+
+    def _scored(self, after: Layout, own: int) -> Unseen:
+        """A layout with a formula of `own` amplitudes on unseen data; only what is left out of the run needs slopes."""
+        return unseen(after.rows, after.theta, self.check, own, slopes=None if self.check else after.slopes)
 
     def _answer(
         self,
@@ -373,8 +377,7 @@ class Describer:
         after, scored = terms[0].after, terms[0].scored
         if len(terms) > 1:
             after = layout.adding(effect, theta).settled(way, count)
-            own = sum(len(part.amplitudes) for part in parts)
-            scored = unseen(after.rows, after.theta, self.check, own, slopes=after.slopes)
+            scored = self._scored(after, sum(len(part.amplitudes) for part in parts))
         before = settled(layout, way, self.check, scored.left)
         return DescribedFormula(
             formula=text,

@@ -182,10 +182,9 @@ class _Case:
         if explained.steps:  # what the steps of the values cause is no effect that is missing beside those
             expected_dph = float(np.hypot(expected_dph, self.layout.resolution.repeats_dph))
         decision = decide(explained, suspects, base, improved, expected_dph, slow)
-        steps = self._steps(explained, base)
-        if steps and decision.word in {"unknown_effect", "undecided"}:
+        steps = self._steps(explained, base) if decision.word in {"unknown_effect", "undecided"} else ""
+        if steps:
             decision = Decision("undecided", False)
-        steps = steps if decision.word == "undecided" else ""
         answer = Diagnosis(
             verdict=decision.word,
             proved=decision.proved,
@@ -271,7 +270,7 @@ class _Case:
         if self.layout.white is None:
             return floor_dph
         still = self.layout.problem.statics[0]
-        white = min(0.5 * float(np.mean(still.steps(self.layout.problem.interval_s) ** 2)), floor_dph**2)
+        white = min(still.fast_variance(self.layout.problem.interval_s), floor_dph**2)
         return float(np.sqrt(floor_dph**2 + white * (float(np.mean(self.layout.white)) - 1.0)))
 
     def _formulas(

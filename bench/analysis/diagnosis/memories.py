@@ -150,7 +150,7 @@ def _annealed(ranges: Ranges) -> list[Block]:
               unit, (*own, *ends),
               tuple((*at, faster, *tau) for at in tried for faster in (-0.03, 0.03, 0.06)
                     for tau in lags(ranges.length_s, 2 if own else 1)),
-              places=len(own), drives=True)
+              places=len(own))
         for added, words, unit, own, tried in (*rates, *gaps, *placed)
     ]  # fmt: skip
 
@@ -172,7 +172,7 @@ def _warmed(ranges: Ranges) -> list[Block]:
     tried = tuple((*one, *tau) for one in inner(*ranges.temperature, 11) for tau in lags(ranges.length_s / 2.0, 2))
     return [
         Block(f"lag(above({beyond}), {{tau_s}})", f"the memory of the temperature {words} a value", "degC", bounds,
-              tried, places=1, drives=True)
+              tried, places=1)
         for beyond, words in (("temperature - {centre}", "above"), ("{centre} - temperature", "below"))
     ]  # fmt: skip
 
@@ -186,8 +186,8 @@ def _turned(ranges: Ranges, name: str, called: str) -> Block:
     bounds = (("centre", (low, high)), ("width", (0.005 * span, 0.4 * span)),
               ("tau_s", times_within(ranges.length_s, 2)))  # fmt: skip
     words = f"the memory of a step over the {called}"
-    return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried, places=1,
-                 drives=True)  # fmt: skip
+    return Block(f"lag(tanh(({name} - {{centre}})/{{width}}), {{tau_s}})", words, "", bounds, tried,
+                 places=1)  # fmt: skip
 
 
 def _loaded(ranges: Ranges) -> list[Block]:

@@ -57,8 +57,7 @@ def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
 
 def slow_floor(problem: Problem, floor_dph: float) -> tuple[str, ...]:
     """A note where most of the noise of the isothermal run is slow: a cause that acts there, too, looks like it."""
-    steps = problem.statics[0].steps(problem.interval_s) if problem.statics else np.empty(0)
-    white_dph = float(np.sqrt(0.5 * np.mean(steps**2))) if steps.size else np.nan
+    white_dph = float(np.sqrt(problem.statics[0].fast_variance(problem.interval_s))) if problem.statics else np.nan
     if not floor_dph > _SLOW * white_dph:
         return ()
     text = f"most of the noise floor is slow, its white part is {number(white_dph)} deg/h"

@@ -52,7 +52,7 @@ def states(ranges: Ranges) -> list[Block]:
     for name in ranges.switched:
         late = f"delay({name}, 30)"
         for words, text in (("starts", f"{name} - {late}"), ("stops", f"{late} - {name}")):
-            blocks.append(replace(lagged(f"above({text})", f"the {words} of the {name}", "", length_s), drives=True))
+            blocks.append(lagged(f"above({text})", f"the {words} of the {name}", "", length_s))
     blocks.append(_wound(ranges, "temperature"))
     for name in ranges.moved:
         low, high = ranges.of(name)
@@ -61,9 +61,8 @@ def states(ranges: Ranges) -> list[Block]:
         blocks += [
             _wound(ranges, name),
             _counted(ranges, name),
-            replace(loop(name, (low, high), unit_of(name)), drives=True),
-            Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried,
-                  drives=True),
+            loop(name, (low, high), unit_of(name)),
+            Block(fast, f"the square of what is fast of the {name}", f"{unit_of(name)}^2", ends, tried),
         ]  # fmt: skip
     # Powers of what is on or off, or jumps back, are the same or no other cause.
     jumps = "sawtooth(", "latch("
