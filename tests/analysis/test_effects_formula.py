@@ -154,6 +154,8 @@ def test_a_value_that_is_not_finite_is_said_and_a_gap_is_not():
     with pytest.raises(InputError, match="no finite value in some rows"):
         make("k*log(-drive)").columns(DATA, {})
     with pytest.raises(InputError, match="no finite value in some rows"):
+        make("k*lag(temperature, log(-tau))", tau=[1, 2]).columns(DATA, {"tau": 1.5})
+    with pytest.raises(InputError, match="no finite value in some rows"):
         make("k*9**9**9**9*time").columns(DATA, {})
     torn = DATA.with_channel("quadrature", np.where(DATA.time < 300.0, np.nan, Q))
     got = make("k*quadrature").columns(torn, {})[:, 0]

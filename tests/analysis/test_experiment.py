@@ -10,7 +10,7 @@ from bench.acquisition.profile import profile
 from bench.acquisition.run.rehearsal import rehearse
 from bench.analysis.diagnosis import experiment
 from bench.analysis.diagnosis.diagnose import diagnose
-from bench.analysis.diagnosis.discrimination import Discrimination, between
+from bench.analysis.diagnosis.discrimination import Discrimination, Expected, between
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.experiment import next_experiment, propose
 from bench.analysis.diagnosis.plan import ChamberLimits, Move, Plan, chamber_limits, minor_loops, plans, repetitions
@@ -321,17 +321,23 @@ def test_a_suspect_that_takes_the_place_of_the_whole_model_leaves_nothing_to_pre
 def test_rates_that_the_runs_did_not_show_are_proposed_only_where_they_decide_and_those_do_not(
     monkeypatch, least_degc_per_min, said
 ):
-    def designed(layout, rivals, noise, limits, more=""):
-        return SimpleNamespace(decides=limits.heating_degc_per_min >= least_degc_per_min, limits=limits, why=more)
+    class Rated:
+        """Any plan that reaches these rates decides."""
 
-    monkeypatch.setattr(experiment, "_designed", designed)
+        def __init__(self, *_):
+            pass
+
+        def expected(self, plan, *, roughly=False):
+            decides = plan is not None and max(move.rate_degc_per_min for move in plan.moves) >= least_degc_per_min
+            return Expected(np.full(4, 100.0 if decides else 0.0), np.ones(4))
+
+    monkeypatch.setattr(experiment, "Discrimination", Rated)
     monkeypatch.setattr(experiment, "chamber_limits", lambda records: ChamberLimits(-40.0, 85.0, 1.0, 1.0))
     layout = SimpleNamespace(rows=SimpleNamespace(records=()))
     rivals = [Rival(name, effects.make(name), (), 20.0) for name in ("thermal_lag", "hysteresis")]
     found = propose(layout, rivals, (0, 0))
-    assert (found.limits.heating_degc_per_min, found.limits.cooling_degc_per_min) == (
-        (2.0, 1.5) if said else (1.0, 1.0)
-    )
+    assert found.decides is (least_degc_per_min < 2.0)
     assert ("it heats with up to 2 and cools with up to 1.5 degC/min, faster than these runs" in found.why) is said
-    own = ChamberLimits(-40.0, 85.0, 0.4, 0.4)
-    assert propose(layout, rivals, (0, 0), own).limits == own, "limits that are given are kept to"
+    assert ("rate_degc_per_min: 2" in found.profile_yaml) is said
+    own = propose(layout, rivals, (0, 0), ChamberLimits(-40.0, 85.0, 0.4, 0.4))
+    assert "faster" not in own.why and not own.decides, "limits that are given are kept to"

@@ -127,5 +127,5 @@ def orthonormal(columns: FloatArray) -> FloatArray:
 
 def outside(basis: FloatArray, values: FloatArray) -> FloatArray:
     """The part of values (n,) or (n, m) that a basis (n, r) does not span."""
-    left: FloatArray = values - basis @ (basis.T @ values)
-    return left
+    inside = basis @ (basis.T @ values)
+    return np.asarray(np.subtract(values, inside, out=inside))

@@ -17,7 +17,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.described import DescribedFormula
-from bench.analysis.diagnosis.discrimination import Discrimination
+from bench.analysis.diagnosis.discrimination import Discrimination, Expected
 from bench.analysis.diagnosis.evidence import weigh
 from bench.analysis.diagnosis.plan import (
     ChamberLimits,
@@ -50,6 +50,7 @@ _ENOUGH = 0.97
 _HOPELESS = 0.5
 """Probability of a decision after `_MOST_RUNS` runs below which the answer is that none can be had."""
 _MOST_RUNS = 3
+_FAR_MORE_RUNS = 20  # faster profiles that do not decide after so many are not looked at closely
 _MOST_RIVALS = 4  # formulas, the best first
 _NEAR = 2.0 * TIE  # evidence below the best within which an effect that is not tied may be tied after one more run
 _CHECK = "`bench check` tells how long a chamber takes that cannot follow"
@@ -225,11 +226,15 @@ def propose(
     if not moved[tied[0].name] and len({rival.family for rival in tied if not moved[rival.name]}) > 1:
         # What the chamber can tell comes first: nobody has to be there.
         thermal = [rival for rival in rivals if not moved.get(rival.name)]
-        found = _designed(layout, thermal, noise, shown)
+        rated = Discrimination(layout, thermal, noise)
+        found = _designed(rated, thermal, shown, _roughly(rated, shown))
         if limits is None and not found.decides:
             quick = faster(shown)
-            other = _designed(layout, thermal, noise, quick, f"; {quick.rates}, faster than these runs: {_CHECK}")
-            found = other if other.decides else found
+            roughly, before = _roughly(rated, quick), rated.expected(None, roughly=True)
+            if max(one.after(before, _FAR_MORE_RUNS).probability for one in roughly) >= _HOPELESS:
+                more = f"; {quick.rates}, faster than these runs: {_CHECK}"
+                other = _designed(rated, thermal, quick, roughly, more)
+                found = other if other.decides else found
         return _leaving_open(found, [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})
     plan, why = exciting(shown, channels, tuple(moved))
@@ -249,16 +254,20 @@ def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
     return replace(proposal, why=f"{proposal.why}; {left}")
 
 
-def _designed(layout: Layout, rivals: Sequence[Rival], noise: Point, limits: ChamberLimits, more: str = "") -> Proposal:
-    """The run of the library that tells these rivals apart; `more` is said of it, too."""
-    rated = Discrimination(layout, rivals, noise)
-    before = rated.expected(None)
-    library = plans(limits)
-    workers = usual_workers()
-    roughly = shared([partial(rated.expected, plan, roughly=True) for plan in library], workers)
+def _roughly(rated: Discrimination, limits: ChamberLimits) -> list[Expected]:
+    """What each plan of the library promises, by few parameters of the rivals at the likeliest noise."""
+    return shared([partial(rated.expected, plan, roughly=True) for plan in plans(limits)], usual_workers())
+
+
+def _designed(
+    rated: Discrimination, rivals: Sequence[Rival], limits: ChamberLimits, roughly: Sequence[Expected], more: str = ""
+) -> Proposal:
+    """The run of the library that tells these rivals apart, of the ones that promise most; `more` is said, too."""
+    before, library = rated.expected(None), plans(limits)
     order = np.argsort([-one.probability for one in roughly], kind="stable")
     longer = [again for i in order[:_CLOSELY] for again in repetitions(library[i], limits)]
-    scored = list(zip(shared([partial(rated.expected, plan) for plan in longer], workers), longer, strict=True))
+    closely = shared([partial(rated.expected, plan) for plan in longer], usual_workers())
+    scored = list(zip(closely, longer, strict=True))
     most = max(after.probability for after, _ in scored)
     enough = [pair for pair in scored if pair[0].probability >= min(_ENOUGH, most)]
     after, plan = min(enough, key=lambda pair: pair[1].expected_s)

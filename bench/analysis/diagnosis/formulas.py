@@ -25,6 +25,7 @@ from bench.analysis.diagnosis.scan import Library, Scan
 from bench.analysis.diagnosis.spectral_line import rows_of
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.expression import Expression
+from bench.analysis.effects.formula import Data
 from bench.analysis.noise.likelihood import NoiseLattice, Point, gls, moved
 from bench.analysis.thresholds import FORMULA_EVIDENCE, WRONGLY_NAMED
 from bench.base import FloatArray, InputError, shared
@@ -71,6 +72,7 @@ class FormulaSearch:
         self._first = first
         self._layout, self._lattice, self._seed, self._workers = layout, lattice, seed, workers
         self.grammar = Grammar(layout.seen, layout.rows.masks)
+        self._data = [Data(record) for record in layout.seen]
         self._values: dict[tuple[str, Theta], FloatArray] = {}
         self._refiner = Refiner(layout.problem, lattice)
         self._surface = self._refiner.alone
@@ -175,6 +177,8 @@ class FormulaSearch:
 
     def _factor(self, text: str, block: Block, own: Sequence[Theta]) -> FloatArray:
         """A block at each of these parameters (n, many)."""
+        if len(own) == 1:
+            return self._block(text, block, own[0])[:, None]
         different = {each: number for number, each in enumerate(dict.fromkeys(own))}
         values = np.column_stack([self._block(text, block, each) for each in different])
         return values if len(different) == len(own) else values[:, [different[each] for each in own]]
@@ -187,7 +191,7 @@ class FormulaSearch:
             effect = _expression(text, block.bounds)
             named = dict(zip(effect.bounds, own, strict=True))
             try:
-                columns = [effect.columns(record, named)[:, 0] for record in self._layout.seen]
+                columns = [effect.parsed.columns(data, named)[:, 0] for data in self._data]
                 self._values[key] = self._layout.stacked(columns)
             except InputError:  # not finite somewhere: it explains nothing
                 self._values[key] = np.zeros(len(self._layout.problem.y))

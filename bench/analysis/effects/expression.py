@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from bench.analysis.effects.base import Effect, Parameter, Theta
-from bench.analysis.effects.formula import Formula, parse
+from bench.analysis.effects.formula import Data, Formula, parse
 from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
@@ -59,7 +59,7 @@ class Expression(Effect):
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """Factor of each amplitude (n, k)."""
-        return self.parsed.columns(record, theta)
+        return self.parsed.columns(Data(record), theta)
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:

@@ -104,8 +104,10 @@ class Formula:
     needs: tuple[str, ...]
 
     @cached_property
-    def _follows_rate(self) -> bool:
-        return any(names_of(factor) & {"dT_dt", "direction"} for factor in self.factors)
+    def _read(self) -> tuple[str, ...]:
+        """Names of data in the factors, and the time, which functions with a memory follow."""
+        names = set[str]().union(*map(names_of, self.factors))
+        return "time", *names.intersection((*variables(), "pi"))
 
     def read_by(self, factor: ast.expr) -> tuple[str, ...]:
         """What a factor reads: channels, and what is of no one moment (time, slopes, what has a memory)."""
@@ -113,28 +115,39 @@ class Formula:
         known = (*variables(), *(name for name in _MEMORY if name != "dead_zone"))
         return tuple(name for name in known if name in names)
 
-    def columns(self, record: Dataset, theta: Mapping[str, float]) -> FloatArray:
+    def columns(self, data: Data, theta: Mapping[str, float]) -> FloatArray:
         """Factors (n, k) of the whole record, NaN in gaps; InputError where one has no value in a row without a gap."""
-        data = {**data_of(record, self.needs, follows_rate=self._follows_rate), **theta}
+        named = {name: data[name] for name in self._read} | dict(theta)
+        columns = np.empty((len(named["time"]), len(self.factors)))
         with np.errstate(all="ignore"):
-            values = [np.broadcast_to(value_of(factor, data), len(record)) for factor in self.factors]
-        columns: FloatArray = np.column_stack(values).astype(np.float64)
-        complete = np.all([np.isfinite(data[name]) for name in self.needs], axis=0) if self.needs else np.True_
-        if not np.all(np.isfinite(columns[np.broadcast_to(complete, len(record))])):
+            for column, factor in enumerate(self.factors):
+                columns[:, column] = value_of(factor, named)
+        known = np.isfinite(columns).all(axis=1)
+        for name in () if known.all() else self.needs:
+            known |= ~np.isfinite(data[name])
+        if not known.all():
             raise InputError(
                 f"expression: '{self.text}' has no finite value in some rows (a root or logarithm below 0?)"
             )
         return columns
 
 
-def data_of(record: Dataset, needs: Collection[str], *, follows_rate: bool) -> dict[str, Any]:
-    """Values (n,) of the names of a formula; `follows_rate`: and dT_dt, direction. InputError: no such channel."""
-    data: dict[str, Any] = {name: record.channel(name) for name in needs}
-    data |= {"time": record.time, "pi": math.pi}
-    if follows_rate:
-        data["dT_dt"] = 60.0 * slope(record.time, record.channel("temperature"), 60.0)
-        data["direction"] = np.where(np.abs(data["dT_dt"]) < STILL_DEGC_PER_MIN, 0.0, np.sign(data["dT_dt"]))
-    return data
+class Data(dict[str, Any]):
+    """Values (n,) of the names that formulas read in one record, each computed once. InputError: no such channel."""
+
+    def __init__(self, record: Dataset) -> None:
+        super().__init__(time=record.time, pi=math.pi)
+        self._record = record
+
+    def __missing__(self, name: str) -> FloatArray:
+        if name == "dT_dt":
+            found: FloatArray = 60.0 * slope(self["time"], self["temperature"], 60.0)
+        elif name == "direction":
+            found = np.where(np.abs(self["dT_dt"]) < STILL_DEGC_PER_MIN, 0.0, np.sign(self["dT_dt"]))
+        else:
+            found = self._record.channel(name)
+        self[name] = found
+        return found
 
 
 def parse(text: str, bounded: Collection[str] = ()) -> Formula:

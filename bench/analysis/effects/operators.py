@@ -23,7 +23,9 @@ def ramp_invariant_lag(time_s: FloatArray, value: FloatArray, tau_s: float | Flo
     Exact for ramps at any sampling (first-order hold), where holding each sample would add half a sample to tau.
     With tau = 0 the record itself is returned. A `tau_s` (n,) may change; between two rows their mean holds.
     """
-    tau = np.broadcast_to(tau_s, time_s.shape)
+    if np.ndim(tau_s) == 0:
+        return _bridged(lambda time, u: _lag(time, u, np.full(len(time), tau_s)), time_s, value)
+    tau = np.asarray(tau_s)
     known = np.isfinite(tau)
     return _bridged(lambda time, u: _lag(time, u, np.interp(time, time_s[known], tau[known])), time_s, value)
 
@@ -132,7 +134,7 @@ def _bridged(
 def _lag(time_s: FloatArray, value: FloatArray, tau_s: FloatArray) -> FloatArray:
     """The lag (n,) with a time constant (n,) [s]."""
     if len(value) < 2 or not np.any(tau_s > 0.0):
-        return value.copy()
+        return np.asarray(value + 0.0 * tau_s)  # no number, where the time constant is none
     step_s, step = np.diff(time_s), np.diff(value)
     tau = np.maximum(0.5 * (tau_s[1:] + tau_s[:-1]), 1e-6 * step_s)
     decay = np.exp(-step_s / tau)
@@ -150,7 +152,8 @@ def _play(value: FloatArray, half_width: FloatArray) -> FloatArray:
     low, high, reach = value - half_width, value + half_width, 1
     low[:1] = high[:1] = value[:1]
     while reach < len(value):
-        low[reach:], high[reach:] = (np.clip(end[:-reach], low[reach:], high[reach:]) for end in (low, high))
+        within = [np.minimum(np.maximum(end[:-reach], low[reach:]), high[reach:]) for end in (low, high)]
+        low[reach:], high[reach:] = within
         reach *= 2
     return low
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.effects.formula import FUNCTIONS, checked, data_of, hint, names_of, value_of, variables
+from bench.analysis.effects.formula import FUNCTIONS, Data, checked, hint, names_of, value_of, variables
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.judging.quantity import COVERAGE, MEANING, Quantity
 from bench.base import CHANNELS, FloatArray, InputError, nearest_or_all
@@ -116,9 +116,7 @@ def _of_coefficient(name: str, measured: Measurements | None) -> Interval:
 def _statistic(function: str, argument: ast.expr, measured: Measurements | None) -> Interval:
     if measured is None:
         raise InputError(f"{function}({ast.unparse(argument)}) needs the run's data")
-    names, record = names_of(argument), measured.dataset
-    data = data_of(record, names & set(CHANNELS), follows_rate=bool(names & {"dT_dt", "direction"}))
-    values = np.broadcast_to(value_of(argument, data), (len(record),))
+    values = np.broadcast_to(value_of(argument, Data(measured.dataset)), (len(measured.dataset),))
     present = values[np.isfinite(values)]
     if not present.size:
         raise InputError(f"{function}({ast.unparse(argument)}) has no finite value in any row")

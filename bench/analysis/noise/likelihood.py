@@ -88,7 +88,7 @@ class _Axis:
 
     def at(self, points: Sequence[Point], lattice: NoiseLattice) -> list[Whitener]:
         """The whiteners at these points, missing ones made; where there are too many, others are forgotten."""
-        wanted = [point for point in dict.fromkeys(points) if point not in self._kept]
+        wanted = list(dict.fromkeys(point for point in points if point not in self._kept))
         if wanted and len(self._kept) + len(wanted) > _MOST_KEPT:
             for other in set(self._kept).difference(points):
                 del self._kept[other]
