@@ -14,8 +14,9 @@ from typing import Any
 
 import click
 
-from bench.base import __version__
+from bench.base import InputError, __version__
 from bench.cli import analyse, deliver, measure, pages, stock, sync
+from bench.cli.options import exits
 
 SECTIONS: dict[str, Sequence[click.Command]] = {
     "Measure": (measure.run, measure.check, measure.doctor, measure.sim, measure.init),
@@ -39,6 +40,17 @@ class Sections(click.Group):
             signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
         return super().main(*args, **options)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; words that it does not take are told in one line, as all bad input is."""
+        as_json = "--json" in ctx.args
+        try:
+            return super().invoke(ctx)
+        except click.UsageError as error:
+            command = error.ctx.command_path if error.ctx else f"{ctx.command_path} {ctx.invoked_subcommand}"
+            said = error.format_message()
+            with exits(as_json):
+                raise InputError(f"{said}{'' if said[-1] in '.?' else '.'} See `{command} --help`") from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """One table per section, in the order of the work."""
         width = max(len(name) for name in self.commands)
@@ -50,7 +62,7 @@ class Sections(click.Group):
                 )
 
 
-@click.group(cls=Sections, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group("bench", cls=Sections, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="bench")
 def main() -> None:
     """Thermal test bench for gyroscopes: run a chamber, capture without loss, fit, diagnose, calibrate.

@@ -283,6 +283,24 @@ def test_an_error_with_json_is_one_object_on_stdout_and_the_line_on_stderr(tmp_p
     assert answer.stderr == f"bench: {told['error']}\n"
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("decide RUN --most 0", "Invalid value for '--most': 0 is not in the range 1<=x<=20. See `bench decide"),
+        ("diagnose RUN", "Missing option '--model'. See `bench diagnose"),
+        ("diagnose RUN --check", "Option '--check' requires an argument. See `bench diagnose"),
+        ("diagnos", "No such command 'diagnos'. Did you mean 'diagnose'? See `bench"),
+        ("certificate --withdraw 1", "say why it is amended or withdrawn with --reason TEXT. See `bench certificate"),
+    ],
+)  # fmt: skip
+def test_words_that_a_command_does_not_take_are_told_in_one_line(words, said):
+    result = bench(*words.split())
+    assert (result.exit_code, result.stdout, result.stderr) == (2, "", f"bench: {said} --help`\n")
+    command, *more = words.split()
+    result = bench(command, "--json", *more)
+    assert (result.exit_code, json.loads(result.stdout)["error"]) == (2, f"{said} --help`")
+
+
 def test_who_imported_a_table_is_on_record(tmp_path):
     (tmp_path / "log.csv").write_text("time,rate,temperature\n" + "".join(f"{n},1,{20 + n}\n" for n in range(9)))
     made = bench("import", tmp_path / "log.csv", "--out", tmp_path / "reports", "--json")
