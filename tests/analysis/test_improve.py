@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.improve import add_effect, improve
 from bench.analysis.diagnosis.proof import Proof
@@ -70,6 +71,39 @@ def test_what_unseen_data_prefer_is_added_before_what_has_more_evidence(monkeypa
     monkeypatch.setattr("bench.analysis.diagnosis.improve.diagnose", lambda *_, **__: answers.pop(0))
     walk = improve([], [], model)
     assert [(step.action, step.effect) for step in walk.steps] == [("added", first), ("stopped", "")]
+
+
+def found_beside_the_unknown(nearest=""):
+    """An answer that says "beside hysteresis the model lacks something": only the second effect is proved."""
+    model = load_model("spline")
+
+    def suspect(name, proof, after_dph):
+        return SimpleNamespace(
+            effect=name, model=add_effect(model, name), evidence=50.0, reason="", scored=True, look_alikes=(),
+            held_out_before_dph=2.0, held_out_rms_dph=after_dph, proof=proof, proved=proof.proved, added=name,
+        )  # fmt: skip
+
+    suspects = (
+        suspect("supply_voltage", Proof("check", 2.0, 1.99, 0.5), 1.99),
+        suspect("hysteresis", Proof("check", 2.0, 0.5, 9.0), 0.5),
+    )
+    return SimpleNamespace(
+        model=model, found=suspects, suspects=suspects, verdict="unknown_effect", formulas=(), leading=None,
+        nearest=nearest, floor_dph=0.1, sentence="", held_out_rms_dph=2.0,
+    )  # fmt: skip
+
+
+def test_beside_what_no_catalogue_explains_the_effect_that_unseen_data_prove_is_added(monkeypatch):
+    first = found_beside_the_unknown()
+    assert Diagnosis.added.fget(first) == "hysteresis"
+    assert not Diagnosis.added.fget(found_beside_the_unknown("hysteresis")), "not what is only like the cause"
+    last = found_beside_the_unknown()
+    last.found = last.found[:1]
+    assert not Diagnosis.added.fget(last)
+    answers = [first, last]
+    monkeypatch.setattr("bench.analysis.diagnosis.improve.diagnose", lambda *_, **__: answers.pop(0))
+    walk = improve([], [], first.model)
+    assert [(step.action, step.effect) for step in walk.steps] == [("added", "hysteresis"), ("stopped", "")]
 
 
 def test_an_effect_is_added_once():

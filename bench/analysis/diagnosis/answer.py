@@ -240,12 +240,14 @@ class Diagnosis:
     def added(self) -> str:
         """What `bench add` takes to make the model better: the best formula, else the effects found; empty without.
 
-        Nothing that unseen data contradict, and no effect that is only the nearest to what is missing.
+        Nothing that unseen data contradict, and no effect that is only the nearest to what is missing; beside what the
+        catalogue does not explain, what unseen data prove.
         """
         if self.leading is not None:
             return self.leading.added if self.leading.proof.falls is not False else ""
-        borne = [s.added for s in self.found if s.proof.falls is not False]
-        return " ".join(borne) if self.verdict in {"missing_effect", "undecided"} else ""
+        if self.verdict == "unknown_effect":
+            return " ".join(s.added for s in self.found if s.proved and not self.nearest)
+        return " ".join(s.added for s in self.found if s.proof.falls is not False)
 
     def following(self, runs: Sequence[str], check: Sequence[str], model: str, better: str) -> tuple[str, ...]:
         """Commands that add what is missing to the model, as the file `better`, and show both beside each other."""

@@ -122,8 +122,9 @@ def _names(model: Model) -> set[str]:
 
 
 def _walks(answer: Diagnosis) -> bool:
-    """Whether something was found to try; what only explains a part of an unknown misfit is not."""
-    return bool(answer.found) and (answer.verdict != "unknown_effect" or bool(answer.nearest))
+    """Whether something was found to try; of an unknown misfit, what unseen data prove or what is nearest to it."""
+    known = answer.verdict != "unknown_effect" or bool(answer.nearest)
+    return bool(answer.found) if known else any(suspect.proof.proved for suspect in answer.found)
 
 
 def _tried(answer: Diagnosis, formulas: bool) -> list[Decision]:
@@ -135,7 +136,7 @@ def _tried(answer: Diagnosis, formulas: bool) -> list[Decision]:
         return [_with_formula(answer, answer.formulas[0])]
     if not _walks(answer):
         return []
-    strongest = answer.found[0]
+    strongest = next((suspect for suspect in answer.found if suspect.proof.proved), answer.found[0])
     wanted = [strongest, *(s for s in answer.suspects if s.effect in strongest.look_alikes)]
     if strongest.proof.doubt:
         wanted.sort(key=lambda s: s.held_out_rms_dph if s.scored else inf)
