@@ -111,17 +111,23 @@ def test_no_formula_for_a_cause_that_no_channel_records_is_proved_by_one_heating
     assert not any(formula.proof.proved for formula in answer.formulas)
 
 
-@pytest.mark.parametrize(("by", "deviations", "proved"), [
-    ("legs", 3.8, False), ("legs", 9.0, True), ("parts of legs", 18.0, False), ("check", 3.8, True),
+@pytest.mark.parametrize(("by", "deviations", "block", "period_degc", "proved"), [
+    ("legs", 3.8, "lag(", 9.0, False), ("legs", 9.0, "lag(", 9.0, True), ("check", 3.8, "lag(", 9.0, True),
+    ("parts of legs", 18.0, "lag(", 9.0, False),
+    # Up and down again: etalons of 14 and of 4 periods in all.
+    ("parts of legs", 18.0, "sin(", 9.0, True), ("parts of legs", 18.0, "sin(", 31.0, False),
 ])  # fmt: skip
 def test_rows_that_had_a_say_in_the_choice_of_a_formula_prove_it_beyond_what_the_best_of_many_reaches(
-    by, deviations, proved
+    by, deviations, block, period_degc, proved
 ):
     layout = SimpleNamespace(rows=SimpleNamespace(time=[np.array([0.0, 3e4])]))
-    lag = SimpleNamespace(
-        undetermined=(), period_s=0.0, formula=SimpleNamespace(blocks=(SimpleNamespace(text="lag("),))
+    temperature = 63.0 * (1.0 - np.abs(np.linspace(-1.0, 1.0, 1000)))
+    wave, formula = (
+        np.sin(2.0 * np.pi * temperature / period_degc),
+        SimpleNamespace(blocks=(SimpleNamespace(text=block),)),
     )
-    assert _doubted(Proof(by, 0.6, 0.35, deviations), layout, [lag]).proved is proved
+    one = SimpleNamespace(undetermined=(), period_s=0.0, contribution=wave, formula=formula)
+    assert _doubted(Proof(by, 0.6, 0.35, deviations), layout, [one]).proved is proved
 
 
 def test_a_parameter_that_moves_the_curve_as_a_column_does_is_not_fitted_anew():
