@@ -339,6 +339,7 @@ def test_rates_that_the_runs_did_not_show_are_proposed_only_where_they_decide_an
     assert found.decides is (least_degc_per_min < 2.0)
     assert ("it heats with up to 2 and cools with up to 1.5 degC/min, faster than these runs" in found.why) is said
     assert ("rate_degc_per_min: 2" in found.profile_yaml) is said
+    assert found.to_json("next.yaml")["faster_degc_per_min"] == ((2.0, 1.5) if said else None)
     own = propose(layout, rivals, (0, 0), ChamberLimits(-40.0, 85.0, 0.4, 0.4))
     assert not own.decides
     assert "faster" not in own.why, "limits that are given are kept to"

@@ -530,19 +530,21 @@ def test_why_a_run_is_proposed_is_said_in_the_readers_language() -> None:
         *({**known, "use": use} for use in ("run", "check", "static")),
         {**known, "use": "by_hand", "channels": ["supply", "chamber_setpoint"]},
         *({**designed, "name": name, "probability_after_repeats": 0.99} for name in names),
+        {**designed, "name": names[0], "probability_after_repeats": 0.9, "faster_degc_per_min": [2.0, 1.5]},
         {**designed, "decides": False, "probability_after_repeats": 0.3},
     ]
     for sentences in spoken("pages/workbench/sentence.js", "reasons", cases):
-        text = " ".join(sentences).replace("dT/dt", "")
+        text = " ".join(sentences).replace("dT/dt", "").replace("°C/min", "")
         assert re.search("[\u4e00-\u9fff]", text)
         assert not re.search(r"[A-Za-z]{2,}|[{}]", text), text
-    english = spoken("pages/workbench/sentence.js", "reasons", cases[-2:], "en")
+    english = spoken("pages/workbench/sentence.js", "reasons", cases[-3:], "en")
     assert english[0][1:] == [
         "Diagnose all runs together after it, and again if it does not decide. If one of them alone is the cause, "
         "three such runs decide with a probability of 99\xa0%.",
     ]
-    assert "No profile within the limits of the chamber can tell them apart" in english[1][0]
-    assert "such runs" not in english[1][0], "no run was named before"
+    assert "it has to heat with up to 2 and cool with up to 1.5\xa0°C/min" in english[1][1]
+    assert "No profile within the limits of the chamber can tell them apart" in english[2][0]
+    assert "such runs" not in english[2][0], "no run was named before"
 
 
 def test_what_a_step_of_a_calibration_found_is_said_in_the_readers_language() -> None:

@@ -464,7 +464,7 @@ def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Pro
 
 def _repeats(one: FoundFormula) -> bool:
     """Whether it is periodic, over whatever it is, with so many periods that a part of a leg is one of many."""
-    changes = np.count_nonzero(np.diff(np.signbit(one.contribution)))
+    changes = int(np.count_nonzero(np.diff(np.signbit(one.contribution))))
     periodic = any(word in block.text for block in one.formula.blocks for word in ("sin(", "sawtooth("))
     return periodic and changes >= 2 * _REPEATED
 

@@ -85,6 +85,8 @@ class Proposal:
     use: Use = "run"
     channels: tuple[str, ...] = ()
     """What somebody has to move."""
+    faster: tuple[float, float] | None = None
+    """Most heating and cooling [degC/min], where the runs did not show so fast a chamber."""
 
     @property
     def probability_before(self) -> float:
@@ -108,7 +110,7 @@ class Proposal:
         known = {key: finite(value) for key, value in numbers.items()}
         return {"profile": profile, "separates": list(self.separates), "why": self.why,
                 "duration_min": self.duration_min, "decides": self.decides, "use": self.use,
-                "channels": list(self.channels), **known}  # fmt: skip
+                "channels": list(self.channels), "faster_degc_per_min": self.faster, **known}  # fmt: skip
 
 
 def next_experiment(
@@ -234,7 +236,8 @@ def propose(
             if max(one.after(before, _FAR_MORE_RUNS).probability for one in roughly) >= _HOPELESS:
                 more = f"; {quick.rates}, faster than these runs: {_CHECK}"
                 other = _designed(rated, thermal, quick, roughly, more)
-                found = other if other.decides else found
+                rates = quick.heating_degc_per_min, quick.cooling_degc_per_min
+                found = replace(other, faster=rates) if other.decides else found
         return _leaving_open(found, [name for name in moved if moved[name]])
     channels = sorted({channel for needed in moved.values() for channel in needed})
     plan, why = exciting(shown, channels, tuple(moved))

@@ -76,10 +76,12 @@ export function reasons(next) {
   if (next.use !== "run") return [t(`workbench.why.${next.use}`)];
   if (next.predicted_before === null) return [t("workbench.why.thermal")];
   const [after, often] = [next.probability_after, next.probability_after_repeats].map(percent);
+  const [heating, cooling] = next.faster_degc_per_min ?? [];
   if (!next.decides) return [t("workbench.why.hopeless", { percent: often })];
   return [
     t(`workbench.why.${next.name.match(/loops|steps|cycle|soaks|reversals/)[0]}`),
     ...(often === after ? [] : [t("workbench.why.again", { percent: often })]),
+    ...(heating ? [t("workbench.why.faster", { heating: number(heating, 2), cooling: number(cooling, 2) })] : []),
   ];
 }
 
