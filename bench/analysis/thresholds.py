@@ -49,6 +49,8 @@ PAYS = 1e-3
 """Least relative fall of the held-out error that pays for an effect."""
 NAMED_FALL = 0.02
 """Relative fall of the error on unseen data up to which an effect does not head an answer."""
+BEYOND_DOUBT = 40.0
+"""Evidence that chance never reaches."""
 PROVED_FALL = 0.03
 """Least relative fall of the error on unseen data that proves an effect …"""
 PROVED_DEVIATIONS = 2.0

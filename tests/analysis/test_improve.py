@@ -41,6 +41,8 @@ def test_an_effect_that_does_not_pay_on_unseen_data_is_refused_and_said_so(still
     walk = improve([unit.run("short", 1)], [opposite.run("short", 2)], SPLINE, static=still, candidates=FEW)
     assert {step.action for step in walk.steps[:-1]} == {"refused"}
     assert "does not lower the error enough" in walk.steps[0].sentence
+    assert walk.diagnosis.to_json()["contradicted"]
+    assert walk.diagnosis.sentence.startswith("The check run contradicts this run, which shows temperature_rate (k1")
     assert walk.model.effects == diagnose([unit.run("short", 1)], SPLINE, candidates=FEW).model.effects
 
 

@@ -14,6 +14,7 @@ from bench.analysis.diagnosis.kernel import Kernel
 from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.surface import ResidualSurface
 from bench.analysis.effects.model import Model, shell_text
+from bench.analysis.thresholds import BEYOND_DOUBT
 from bench.base import CHANNELS, FloatArray, finite
 
 VerdictWord = Literal["adequate", "missing_effect", "unknown_effect", "undecided"]
@@ -219,6 +220,13 @@ class Diagnosis:
         return tuple(s for s in self.found if s.proved) if self.verdict == "missing_effect" else ()
 
     @property
+    def contradicted(self) -> bool:
+        """Whether check runs speak clearly against the strongest effect found, which this run shows beyond doubt."""
+        if not self.found or self.found[0].proof.by != "check":
+            return False
+        return self.found[0].evidence >= BEYOND_DOUBT and self.found[0].proof.rises
+
+    @property
     def tied(self) -> bool:
         """Whether the effects found stand, and these data cannot tell them from the best formula."""
         if not self.formulas or self.verdict == "unknown_effect":
@@ -268,6 +276,7 @@ class Diagnosis:
             "verdict": self.verdict,
             "proved": self.proved,
             "nearest": self.nearest or None,
+            "contradicted": self.contradicted,
             "sentence": self.sentence,
             "runs": list(self.runs),
             "check": list(self.check),

@@ -26,13 +26,12 @@ from bench.analysis.diagnosis.scan import DEPENDENT, Library
 from bench.analysis.noise.likelihood import Gls, NoiseLattice, Point, Surface, gls
 from bench.analysis.noise.probability import sized
 from bench.analysis.noise.whitening import Ratios, Whitener
-from bench.analysis.thresholds import TIE, WRONGLY_NAMED
+from bench.analysis.thresholds import BEYOND_DOUBT, TIE, WRONGLY_NAMED
 from bench.base import Aside, FloatArray, shared
 
 _E = TypeVar("_E", float, FloatArray)
 
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
-_BEYOND_DOUBT = 40.0  # evidence that chance never reaches: a fifth of the nulls is enough, as without any evidence
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
 _NULL_POINTS = 20
@@ -192,7 +191,8 @@ def weigh(  # noqa: PLR0913 - options of one search
     best = surface.search()
     weighing = _Weighing(candidates, columns.answer(), refiner, surface, best, workers)
     suspects = weighing.suspects()
-    doubt = 0.0 < max((s.evidence for s in suspects), default=0.0) < _BEYOND_DOUBT
+    # Without any evidence, and with so much, a fifth of the nulls is enough.
+    doubt = 0.0 < max((s.evidence for s in suspects), default=0.0) < BEYOND_DOUBT
     top = max((s for s in suspects if s.excited), key=lambda s: s.evidence, default=None)
     each = weighing.chance(nulls if doubt else nulls // 5, seed, top) if nulls else np.empty((0, 0))
     threshold, luck = _bars(candidates, each) if nulls else (0.0, luck or {})

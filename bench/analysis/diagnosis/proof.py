@@ -81,6 +81,11 @@ class Proof:
         return self.falls_by(PROVED_FALL, PROVED_DEVIATIONS)
 
     @property
+    def rises(self) -> bool:
+        """Whether the error rises as clearly as it has to fall for a proof."""
+        return bool(self.fall <= -PROVED_FALL and self.deviations <= -PROVED_DEVIATIONS)
+
+    @property
     def proved(self) -> bool | None:
         """Whether it falls, and nothing makes that doubtful; None as for `falls`."""
         return self.falls and not self.doubt

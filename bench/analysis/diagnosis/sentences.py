@@ -93,7 +93,12 @@ def _suspected(answer: Diagnosis) -> str:
     """Effects that the evidence names and unseen data do not prove; where these do not change, no name comes first."""
     names = listed([_named(suspect) for suspect in answer.found])
     parts = [f"Suspected, not proved: {names}."]
-    if all(suspect.proof.fall <= NAMED_FALL for suspect in answer.found):
+    if answer.contradicted:
+        parts = [
+            f"The check run contradicts this run, which shows {names}: something changed between the two, or a cause "
+            "that no channel records looks like it here."
+        ]
+    elif all(suspect.proof.fall <= NAMED_FALL for suspect in answer.found):
         parts = [f"A slow cause or the noise: this run cannot tell. It looks like {names}."]
     for suspect in answer.found:
         words = f"adding it was not possible: {suspect.reason}" if suspect.reason else suspect.proof.words

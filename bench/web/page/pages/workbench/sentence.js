@@ -36,7 +36,7 @@ function missing(found) {
   return [
     ...(proved.length ? [t("workbench.say.missing", { effects: list(proved) })] : []),
     ...proved.flatMap((one) => [t("workbench.say.proof", { effect: effectWord(one.effect), ...errors(one) }), ...alike(one)]),
-    ...(doubtful.length ? [t(`workbench.say.${refuted ? "resembles" : "suspected"}`, { effects: list(doubtful) })] : []),
+    ...(doubtful.length ? [t(`workbench.say.${found.contradicted ? "contradicted" : refuted ? "resembles" : "suspected"}`, { effects: list(doubtful) })] : []),
     ...doubtful.flatMap((one) => [doubt(one), ...alike(one)]),
     ...(proved.length || found.check?.length ? [] : [t("workbench.say.record")]),
     ...(judged.length > 1 ? [t("workbench.say.several")] : []),
