@@ -118,6 +118,24 @@ def test_an_effect_that_unseen_data_do_not_bear_out_is_suspected_and_not_a_headl
     assert "record another run and give it as --check" not in answer.sentence.lower(), "one was given"
 
 
+def test_spikes_in_a_check_run_speak_against_no_effect(still):
+    """Three of a thousand means; the answer was that no effect of the catalogue explains the error."""
+    unit = HiddenUnit((LAG,)).at_strength(1.5, "short")
+    check = unit.run("minor_loops", 2)
+    rate = check.channels["rate"].copy()
+    rate[[40, 90, 140]] += [20.0, -20.0, 30.0]
+    struck = replace(check, channels={**check.channels, "rate": rate})
+    plain, spiked = (
+        diagnose([unit.run("short", 1)], SPLINE, check=[one], static=still, candidates=FEW) for one in (check, struck)
+    )
+    assert spiked.verdict == "missing_effect"
+    assert spiked.found[0].proof.after_dph == pytest.approx(plain.found[0].proof.after_dph, rel=0.02)
+    assert "rows with spikes in the check runs, left out: 3" in spiked.notes
+    assert not any("spikes" in note for note in plain.notes)
+    rungs = improvement_rungs(spiked, [unit.run("short", 1)], [struck])
+    assert rungs[1].held_out_dph == pytest.approx(spiked.found[0].held_out_rms_dph, rel=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [10.0, 20.0])  # less and more evidence than the lag has
 def test_an_effect_beside_another_that_the_check_run_speaks_against_is_not_found(still, size):

@@ -59,7 +59,16 @@ class TestLines:
         assert line.period_s == pytest.approx(31.3, abs=0.01)
         assert line.amplitude_dph == pytest.approx(4.0, rel=0.02)
         assert shaken.floor_dph == pytest.approx(alone.floor_dph, rel=0.05)
-        assert "deg/h with a period of 31.30 s is not counted as noise" in shaken.line_notes[0]
+        assert "deg/h with a period of 31.30 s is not counted as noise" in shaken.notes[0]
+
+    def test_spikes_are_no_noise_and_are_told(self, rng):
+        rate = gyro_noise(rng, 9000, 1.0)
+        struck = rate.copy()
+        struck[[700, 3100, 3111, 8200]] += [300.0, -200.0, 400.0, 250.0]
+        alone, spiky = (noise_floor([self.still(each)], 30.0) for each in (rate, struck))
+        assert alone.notes == ()
+        assert spiky.floor_dph == pytest.approx(alone.floor_dph, rel=0.03)
+        assert spiky.notes == ("3 means with spikes are not counted as noise",)
 
     @pytest.mark.parametrize("colour", ["white", "walk", "flicker", "heavy", "telegraph", "filtered"])
     def test_noise_of_any_colour_has_no_line(self, rng, colour):

@@ -3,9 +3,10 @@ import pytest
 from numpy.polynomial.chebyshev import chebvander
 
 from bench.analysis.diagnosis.candidates import Problem
-from bench.analysis.diagnosis.probes import despike, examine, noise_test, usual
+from bench.analysis.diagnosis.probes import examine, noise_test, usual
 from bench.analysis.noise.estimate import Noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface
+from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.whitening import covariance
 
 NOISE = Noise(0.01, 0.03, 0.03)

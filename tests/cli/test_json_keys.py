@@ -38,9 +38,9 @@ REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_ou
     uncompensated_rms_dph samples missing_samples losses left_out admissible gaps warnings diagnosis report state
     notes views registry"""
 COMPARE = "runs check floor_dph interval_s models refused"
-DIAGNOSE = """verdict proved nearest contradicted sentence runs check static sisters model floor_dph rms_dph held_out_rms_dph
-    held_out_by floor_ratio where suspects formulas kernel surface next_experiment unexplained threshold not_excited
-    smallest_detectable noise_finding resolution notes"""
+DIAGNOSE = """verdict proved nearest contradicted sentence runs check static sisters model floor_dph rms_dph
+    held_out_rms_dph held_out_by floor_ratio where suspects formulas kernel surface next_experiment
+    unexplained threshold not_excited smallest_detectable noise_finding resolution notes"""
 IMPORT = "run file unit rows interval_s time columns segments warnings"
 REGISTRY = "registry archive rows differences unreadable digest"
 KEYS = {

@@ -16,13 +16,12 @@ from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
-from bench.analysis.diagnosis.held_out import Unseen, unseen
+from bench.analysis.diagnosis.held_out import Unseen, unseen, without_spikes
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
 from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, slow_floor
 from bench.analysis.diagnosis.places import places, steps_places
-from bench.analysis.diagnosis.probes import despike
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.diagnosis.sisters import sister_records
@@ -40,6 +39,7 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
+from bench.analysis.noise.spikes import despike
 from bench.analysis.thresholds import (
     EXPLAINED_RATIO,
     FORMULA_EVIDENCE,
@@ -94,7 +94,13 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
         case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
         if surface:
             channels_of(case.layout, surface)
-        answer = case.diagnosis(tuple(check), seed, usual_workers() if workers is None else workers)
+        unspiked = tuple(without_spikes(case.fit, run) for run in check)
+        lost = sum(
+            int(np.isnan(new.bias).sum() - np.isnan(run.bias).sum()) for new, run in zip(unspiked, check, strict=True)
+        )
+        if lost:
+            case = replace(case, notes=(*case.notes, f"rows with spikes in the check runs, left out: {lost}"))
+        answer = case.diagnosis(unspiked, seed, usual_workers() if workers is None else workers)
         return case.shown(answer, surface)
 
 
@@ -128,7 +134,7 @@ class _Case:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
         fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
-        kept = [despike(np.nan_to_num(r)) & np.isfinite(r) for r in fit.residuals]
+        kept = [despike(r) for r in fit.residuals]
         count, interval_s = sum(int(np.isfinite(r).sum()) for r in fit.residuals), runs[0].interval_s
         if count < LEAST_DIAGNOSED_ROWS:
             text = f"{count} means over {interval_s:g} s are too few to diagnose"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, 
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
 from bench.analysis.fit.design import Bound, FitRows
+from bench.analysis.fit.fitting import Fit
 from bench.analysis.fit.solve import Solution, left_out, solve
+from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
 from bench.base import FloatArray, InputError
@@ -105,6 +107,20 @@ def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
     if not excess > 0.0 or not np.isfinite(after_dph):
         return np.nan
     return float(np.clip((before_dph**2 - after_dph**2) / excess, 0.0, 1.0))
+
+
+def without_spikes(fit: Fit, check: Dataset) -> Dataset:
+    """A check run without the means that stand out of what the fit leaves: as in the fitted runs, they are no error of
+    a model.
+    """
+    try:
+        left = _residual(fit.bound, check, fit.beta)
+    except InputError:  # which every score of this run will tell
+        return check
+    spikes = np.isfinite(left) & ~despike(left)
+    if not spikes.any():
+        return check
+    return replace(check, channels={**check.channels, "rate": np.where(spikes, np.nan, check.channels["rate"])})
 
 
 def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:

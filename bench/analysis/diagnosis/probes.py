@@ -20,12 +20,11 @@ from bench.analysis.noise.likelihood import NoiseLattice, Point, Record, Surface
 from bench.analysis.noise.probability import chi2_tail
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
-from bench.base import BoolArray, FloatArray
+from bench.base import FloatArray
 
 _LEVEL = 0.01  # of all probes together; slow noise of other kinds (telegraph) reaches it about three times as often
 UNLIKE_FREEDOM = 3
 """White noise, flicker and walk."""
-_BENT = 0.297  # of the second differences of white noise: its distance from the median of five, medians of the sizes
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
 
 
@@ -236,18 +235,3 @@ def usual(
         spline("fine temperature", temperature, 30),
         *(spline(name, value) for name, value in channels.items()),
     ]
-
-
-def despike(residual: FloatArray, limit: float = 6.0) -> BoolArray:
-    """Rows (n,) to keep: those within `limit` robust standard deviations of the median of five neighbours.
-
-    For the residual of the present model, before anything else: a few spikes make a run look noisier than it is. A step
-    or a slow error is not a spike. Where an error changes by more than its noise from row to row, most rows are the
-    median of their neighbours: the noise is that of the second differences then.
-    """
-    padded = np.pad(residual, 2, mode="reflect")
-    around = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-    off = residual - around
-    bent = np.abs(np.diff(residual, 2))
-    deviation = 1.4826 * max(float(np.median(np.abs(off))), _BENT * float(np.median(bent)) if bent.size else 0.0)
-    return np.asarray(np.abs(off) <= limit * max(deviation, 1e-300)) if deviation > 0.0 else np.ones(len(off), bool)

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import orthonormal, outside
-from bench.analysis.diagnosis.probes import despike
 from bench.analysis.noise.likelihood import Record
+from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.turning import at_rest, scale_columns
 from bench.analysis.thresholds import LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
 from bench.base import FloatArray, InputError, IntArray

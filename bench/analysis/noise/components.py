@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from bench.analysis.noise.whitening import Ratios, covariance, flicker_by_lag
-from bench.base import FloatArray, InputError, IntArray
+from bench.base import BoolArray, FloatArray, InputError, IntArray
 
 COMPONENTS = ("white", "flicker", "walk", "quantisation", "correlated")
 Times = tuple[float, ...]
@@ -72,6 +72,11 @@ class Stretch:
     rate: FloatArray
     counts: FloatArray | None = None
     variances: FloatArray | None = None
+
+    def without(self, gone: BoolArray) -> Stretch:
+        """The same with gaps in some rows (n,)."""
+        parts = (None if own is None else np.where(gone, np.nan, own) for own in (self.counts, self.variances))
+        return Stretch(np.where(gone, np.nan, self.rate), *parts)
 
 
 def squares_of(

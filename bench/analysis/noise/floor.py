@@ -11,6 +11,7 @@ from bench.analysis.noise.allan import AllanCurve, allan_deviation
 from bench.analysis.noise.components import Stretch
 from bench.analysis.noise.estimate import Estimate, Noise, estimate_noise
 from bench.analysis.noise.lines import Line, without_lines
+from bench.analysis.noise.spikes import spiky
 from bench.analysis.noise.turning import at_rest
 from bench.analysis.thresholds import CYCLES_DEGC, LEAST_STRETCH_S, SETTLED_DEGC_PER_MIN, TURNING_DPS
 from bench.base import BoolArray, FloatArray, InputError, IntArray, number
@@ -44,10 +45,14 @@ class Floor:
     lines: tuple[Line, ...] = ()
     """Sinusoids of the stretch that has the largest: they are no noise, and are not in it."""
 
+    spikes: int = 0
+    """Means that stand out of all others: they are no noise, and are not in it."""
+
     @property
-    def line_notes(self) -> tuple[str, ...]:
-        """A sentence for each of them."""
-        return tuple(
+    def notes(self) -> tuple[str, ...]:
+        """A sentence for each of the sinusoids, and one for the spikes."""
+        left_out = (f"{self.spikes} means with spikes are not counted as noise",) if self.spikes else ()
+        return left_out + tuple(
             f"a sinusoid of {number(line.amplitude_dph)} deg/h with a period of {number(line.period_s, 4)} s is not "
             "counted as noise: vibration, a beat or a control loop"
             for line in self.lines
@@ -75,20 +80,24 @@ def noise_floor(
     longest = max(rows.size for _, _, rows in stretches)
     stretches = [one for one in stretches if one[2].size >= _LEAST_SHARE * longest]
     base_s, duration_s = stretches[0][0].spacing_s, float(np.ptp(runs[0].time))
+    interval_s = max(interval_s, runs[0].spacing_s)
+    per_mean = max(1, round(interval_s / base_s))
     pieces = [_on_grid(source, rows) for source, _, rows in stretches]
     quiet, lines = zip(*(without_lines(piece.rate, base_s) for piece in pieces), strict=True)
+    spikes = [spiky(rate, per_mean) for rate in quiet]
     try:
-        estimate = estimate_noise([replace(p, rate=rate) for p, rate in zip(pieces, quiet, strict=True)], base_s)
+        parts = zip(pieces, quiet, spikes, strict=True)
+        estimate = estimate_noise([replace(p, rate=rate).without(gone) for p, rate, gone in parts], base_s)
         pairs = zip(stretches, pieces, strict=True)
         curves = tuple((name, allan_deviation(piece.rate, base_s)) for (_, name, _), piece in pairs)
     except InputError as error:
         return Floor(reason=str(error), static=of)
     spans = tuple((name, float(source.time[rows[0]]), float(source.time[rows[-1]])) for source, name, rows in stretches)
-    interval_s = max(interval_s, runs[0].spacing_s)
     floor_dph = estimate.noise.std_of_means(interval_s, duration_s)
     found = Floor(
         floor_dph, estimate.noise, curves, spans, static=of, estimate=estimate, duration_s=duration_s,
         lines=max(lines, key=lambda own: max((line.amplitude_dph for line in own), default=0.0)),
+        spikes=round(sum(int(gone.sum()) for gone in spikes) / per_mean),
     )  # fmt: skip
     if not intervals:
         return found

@@ -221,7 +221,7 @@ def _(result: NoiseFound) -> Iterator[str | Table]:
     yield f"noise floor of 30 s means {hours}: {number(floor.floor_dph)} deg/h RMS ({number(low)} to {number(high)})"
     spans = ", ".join(f"{name} ({(to_s - from_s) / 60:.0f} min)" for name, from_s, to_s in floor.stretches)
     yield f"read from {spans}"
-    yield from (f"note: {note}" for note in floor.line_notes)
+    yield from (f"note: {note}" for note in floor.notes)
     if floor.estimate is not None and not floor.estimate.white_samples:
         yield "note: N is from means over rows: samples within a row are not there or do not scatter as white noise"
     if floor.noise is not None and floor.noise.correlated:

@@ -100,7 +100,7 @@ def noise(analysis: Analysis) -> Section | None:
     )
     head = ("coefficient", "", "value", "95 % interval", "unit")
     html = paragraph(words) + table("Noise coefficients (IEEE Std 952)", head, rows, (2, 3))
-    html += Markup().join(paragraph(f"{capital(note)}.") for note in floor.line_notes)
+    html += Markup().join(paragraph(f"{capital(note)}.") for note in floor.notes)
     html += figure("fig-allan", figures_run.allan_figure(floor.curves, noise_found), caption, alt)
     return Section("noise", "Noise floor", html)
 
