@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.decision import decide, explains, with_formulas
 from bench.analysis.diagnosis.describing import _doubted
 from bench.analysis.diagnosis.diagnose import borne_out, diagnose, proved_first
 from bench.analysis.diagnosis.held_out import Unseen, unseen
 from bench.analysis.diagnosis.notes import of_check, slow_floor
 from bench.analysis.diagnosis.proof import LeftOut, Proof
+from bench.analysis.diagnosis.ranking import _beside_stuck
 from bench.analysis.diagnosis.sentences import sentence
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -128,6 +130,24 @@ def test_rows_that_had_a_say_in_the_choice_of_a_formula_prove_it_beyond_what_the
     )
     one = SimpleNamespace(undetermined=(), period_s=0.0, contribution=wave, formula=formula)
     assert _doubted(Proof(by, 0.6, 0.35, deviations), layout, [one]).proved is proved
+
+
+@pytest.mark.parametrize(("at_bound", "proved"), [(True, False), (False, True)])
+def test_what_stands_beside_a_stronger_effect_that_is_not_determined_is_not_proved(at_bound, proved):
+    """A loop of 0.1 degC, narrower than the catalogue has: a loop of the thermometer was called missing beside it."""
+    width = Value(0.5, "degC", np.nan, (0.5, 0.5), at_bound)
+    first, second = (
+        SuspectedEffect(
+            name, {}, found=True, evidence=evidence, chance=0.0, held_out_before_dph=0.3, held_out_rms_dph=0.12,
+            removes=0.9, parameters=values, look_alikes=(), legs=(), model=SPLINE, theta=(), shape=(),
+            proof=Proof("check", 0.13, 0.118, 4.0),
+        )
+        for name, evidence, values in (("hysteresis", 200.0, {"width_degc": width}), ("thermal_lag", 20.0, {}))
+    )  # fmt: skip
+    found = _beside_stuck([first, second])
+    assert found[0] is first
+    assert found[1].proved is proved
+    assert at_bound == found[1].proof.words.endswith("but beside hysteresis, which is not determined")
 
 
 def test_a_parameter_that_moves_the_curve_as_a_column_does_is_not_fitted_anew():

@@ -38,7 +38,7 @@ class Ranking:
         """What was found, strongest first, then what comes next in evidence."""
         steps = self.explained.steps
         named = {step.name for step in steps}
-        listed = [self._scored(step.layout, step.evidence, step.suspect, True, step.alike) for step in steps]
+        listed = _beside_stuck([self._scored(s.layout, s.evidence, s.suspect, True, s.alike) for s in steps])
         layout, evidence = (
             (steps[0].layout, steps[0].evidence) if steps else (self.explained.layout, self.explained.first)
         )
@@ -112,6 +112,18 @@ class Ranking:
             known = told(layout, self.offer, self.check, evidence)
             self._known[id(evidence)] = {one.effect: own for one, own in known}
         return self._known[id(evidence)]
+
+
+def _beside_stuck(found: list[SuspectedEffect]) -> list[SuspectedEffect]:
+    """The effects found, strongest first. One that was judged beside a stronger one that is not determined is not
+    proved: it may only make up for the wrong law of that one.
+    """
+    for place, stuck in enumerate(found):
+        if any(value.at_bound for value in stuck.parameters.values()):
+            doubt = f"beside {stuck.effect}, which is not determined"
+            later = [replace(s, proof=replace(s.proof, doubt=s.proof.doubt or doubt)) for s in found[place + 1 :]]
+            return [*found[: place + 1], *later]
+    return found
 
 
 def _doubt(better: Mapping[str, float], values: Mapping[str, Value], alike: Sequence[str]) -> str:
