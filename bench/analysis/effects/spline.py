@@ -128,7 +128,8 @@ def refuse_unvisited(rows: FloatArray, ends: tuple[float, float], what: str = "r
     if rows[i] < LEAST_INTERVAL_ROWS:
         raise InputError(
             f"spline: interval {i + 1} of {rows.size} ({knots[i]:.1f} to {knots[i + 1]:.1f} degC) has {rows[i]:.0f} "
-            f"{what}, at least {LEAST_INTERVAL_ROWS} are needed; use fewer intervals or a profile that passes there"
+            f"{what}, at least {LEAST_INTERVAL_ROWS} are needed; use fewer intervals (`spline: {{intervals: 8}}` in a "
+            "model file) or a profile that passes there more slowly"
         )
 
 
