@@ -51,6 +51,8 @@ NAMED_FALL = 0.02
 """Relative fall of the error on unseen data up to which an effect does not head an answer."""
 BEYOND_DOUBT = 40.0
 """Evidence that chance never reaches."""
+SHAPE_ALONE = 0.95
+"""Share of an error on check runs, without their constants, below which these are worth a note."""
 PROVED_FALL = 0.03
 """Least relative fall of the error on unseen data that proves an effect …"""
 PROVED_DEVIATIONS = 2.0

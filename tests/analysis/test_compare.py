@@ -96,6 +96,18 @@ def test_a_check_run_is_the_held_out_error():
     assert score.by_blocks.rms_dph < score.held_out.rms_dph
 
 
+def test_what_a_turn_on_bias_has_in_the_error_on_a_check_run_is_told():
+    other = record(1)
+    plain, moved = (
+        compare(record(0), [spline(24)], 0.2, with_bias(other, other.bias + by_dph, "other")) for by_dph in (0.0, 5.0)
+    )
+    assert plain.constants == ""
+    assert moved.scores[0].held_out.shape_dph == pytest.approx(plain.scores[0].held_out.shape_dph)
+    alone = plain.scores[0].held_out.rms_dph
+    assert moved.scores[0].held_out.shape_dph == pytest.approx(alone, rel=0.05)
+    assert moved.constants.startswith("held-out without a constant of each check run, such as its turn-on bias: spline")
+
+
 def test_an_automatic_spline_is_compared_as_what_it_chose():
     (score,) = compare(record(), [load_model("spline"), Model("auto", (effects.make("spline"),))], 0.2).scores[1:]
     assert isinstance(score.model.effects[0].intervals, int)

@@ -182,7 +182,8 @@ def error_of(
 ) -> HeldOut:
     """Error of residuals (n,) [deg/h] of records that the fit did not see."""
     rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
-    return HeldOut(by, rms, interval, peak, out_of_range)
+    apart = tuple(own - _mean(record, own) for record, own in zip(records, residuals, strict=True))
+    return HeldOut(by, rms, interval, peak, out_of_range, shape_dph=_rms(records, apart))
 
 
 def _left_out(
@@ -247,6 +248,13 @@ def _squares(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) ->
 def _rms(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> float:
     squares, weights = _squares(records, residuals)
     return float(np.sqrt(squares.sum() / weights.sum())) if weights.any() else np.nan
+
+
+def _mean(record: Dataset, residual: FloatArray) -> float:
+    """Mean of residuals (n,) [deg/h], weighted as their RMS."""
+    present = np.isfinite(residual)
+    weights = np.where(present, record.count("rate"), 0.0)
+    return float(np.average(np.where(present, residual, 0.0), weights=weights)) if weights.any() else 0.0
 
 
 def _peak(residuals: tuple[FloatArray, ...]) -> float:

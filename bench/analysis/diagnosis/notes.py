@@ -9,18 +9,18 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import listed, number
 from bench.record import Dataset
 
 _UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
-_SHAPE_ALONE = 0.95  # of an error: with less the constants of runs are worth a note
 _SLOW = 2.0  # times its white part: most of a noise floor is slow
 _OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
 
 
 def differ(base: Unseen, rms_dph: float) -> bool:
     """Whether the fitted runs differ by constants that are worth a note."""
-    return bool(base.above_dph and base.apart_dph < _SHAPE_ALONE * rms_dph)
+    return bool(base.above_dph and base.apart_dph < SHAPE_ALONE * rms_dph)
 
 
 def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[str, ...]:
@@ -44,7 +44,7 @@ def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
     apart = [
         f"{which} {number(own.constant_dph)} deg/h"
         for which, own in parts[: 1 if improved is base else 2]
-        if own.shape_dph < _SHAPE_ALONE * np.hypot(own.shape_dph, own.constant_dph)
+        if own.shape_dph < SHAPE_ALONE * np.hypot(own.shape_dph, own.constant_dph)
     ]
     if apart:
         text = f"{listed(apart)} is a constant of the check run, such as its turn-on bias"

@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit
+from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import finite, number
 
 
@@ -34,6 +35,8 @@ class HeldOut:
     out_of_range: float = 0.0
     """Share of the rows that lie outside the range of the rows that were fitted."""
     reason: str = ""
+    shape_dph: float = np.nan
+    """RMS beside a constant of each run, such as its turn-on bias, which is no part of a model."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,15 @@ class Comparison:
         parts = [f"{name} {number(one.rms_dph)}, {number(one.held_out.rms_dph)}" for name, one in both]
         listed = "; ".join(parts)
         return f"rows weighted by their samples, not their noise, in-sample and held-out: {listed}" if parts else ""
+
+    @property
+    def constants(self) -> str:
+        """Errors of the models without the constants of the check runs, one line; empty where these hardly matter."""
+        held = [(score.model.name, score.held_out) for score in self.scores]
+        if not any(one.by == "check" and one.shape_dph < SHAPE_ALONE * one.rms_dph for _, one in held):
+            return ""
+        listed = "; ".join(f"{name} {number(one.shape_dph)}" for name, one in held)
+        return f"held-out without a constant of each check run, such as its turn-on bias: {listed}"
 
     def to_json(self) -> dict[str, Any]:
         """The object of `bench compare --json`; null where a number does not exist."""

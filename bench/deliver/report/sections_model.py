@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bench.analysis import Analysis, Fit, Score, refused_models
-from bench.base import CHANNELS, FloatArray, ends, finite, in_print, number, with_uncertainty
+from bench.base import CHANNELS, FloatArray, capital, ends, finite, in_print, number, with_uncertainty
 from bench.deliver.report import figures_model
 from bench.deliver.report.markup import Row, Section, figure, glossary, heading, paragraph, table
 
@@ -76,6 +76,8 @@ def ladder(analysis: Analysis) -> Section | None:
     html += table("The ladder of models", head, rows, (2, 3, 4, 5))
     if comparison.by_counts:
         html += paragraph(f"Rows count by the noise that each fit estimates; {comparison.by_counts}.")
+    if comparison.constants:
+        html += paragraph(f"{capital(comparison.constants)}.")
     return Section("ladder", "Ladder of models", html + lost)
 
 
