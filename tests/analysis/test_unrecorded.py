@@ -15,7 +15,7 @@ from bench.analysis.diagnosis.decision import decide, explains, with_formulas
 from bench.analysis.diagnosis.describing import _doubted
 from bench.analysis.diagnosis.diagnose import borne_out, diagnose, proved_first
 from bench.analysis.diagnosis.held_out import Unseen, unseen
-from bench.analysis.diagnosis.notes import of_check, slow_floor
+from bench.analysis.diagnosis.notes import of_check, slow_floor, switching
 from bench.analysis.diagnosis.proof import LeftOut, Proof
 from bench.analysis.diagnosis.ranking import _beside_stuck
 from bench.analysis.diagnosis.sentences import sentence
@@ -130,6 +130,16 @@ def test_rows_that_had_a_say_in_the_choice_of_a_formula_prove_it_beyond_what_the
     )
     one = SimpleNamespace(undetermined=(), period_s=0.0, contribution=wave, formula=formula)
     assert _doubted(Proof(by, 0.6, 0.35, deviations), layout, [one]).proved is proved
+
+
+@pytest.mark.parametrize(("period_s", "told"), [(30.0, True), (50.0, True), (400.0, False), (1e9, False)])
+def test_a_compressor_that_switches_within_the_means_is_told(period_s, told):
+    """Of one with a period of 30 s it was said that the run would have shown 0.03 deg/h."""
+    time = np.arange(7200) + 0.5
+    on = (time % period_s < 0.4 * period_s).astype(float).reshape(-1, 30).mean(axis=1)
+    run = Dataset("r", np.arange(240) * 30.0, {"compressor": on}, np.zeros(240, dtype=np.int64), (), 30.0)
+    assert bool(switching([run])) is told
+    assert switching([replace(run, channels={})]) == ()
 
 
 @pytest.mark.parametrize(("at_bound", "proved"), [(True, False), (False, True)])

@@ -15,6 +15,7 @@ from bench.record import Dataset
 
 _UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
 _SLOW = 2.0  # times its white part: most of a noise floor is slow
+_SWITCHING = 0.02  # variance within means, of 0.25 at most
 _OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
 
 
@@ -30,6 +31,17 @@ def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[st
     above = [f"{run.name} {mean:+.3g}" for run, mean in zip(runs[1:], base.above_dph, strict=True)]
     text = f"the fitted runs differ by constants, such as their turn-on biases, from {runs[0].name}"
     return (f"{text}: {listed(above)} deg/h",)
+
+
+def switching(runs: Sequence[Dataset]) -> tuple[str, ...]:
+    """The note that the compressor of one of the runs switches within their means, where it mostly does."""
+    for run in runs:
+        on = run.channels.get("compressor", np.zeros(0))
+        on = np.clip(on[np.isfinite(on)], 0.0, 1.0)  # the share of each mean: what is between 0 and 1 switched in it
+        if on.size and np.mean(on * (1.0 - on)) > max(float(np.var(on)), _SWITCHING):
+            text = f"the compressor switches within the means of {run.interval_s:g} s"
+            return (f"{text}: an effect that follows it so fast is averaged away, and not seen here",)
+    return ()
 
 
 def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
