@@ -1,5 +1,7 @@
 """What check runs say of a model, as evidence: in white noise n ln(square sum / square sum), and a slow error loses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.proof import LeftOut
+from bench.analysis.diagnosis.verdict import Search
+from bench.analysis.effects import registry as effects
 from bench.analysis.noise.likelihood import Record
 from bench.record import Dataset
 from benchmarks import cases
@@ -66,3 +70,17 @@ def test_of_effects_that_the_run_does_not_tell_apart_the_check_run_chooses():
     assert (answer.verdict, answer.found[0].effect) == ("missing_effect", "hysteresis")
     assert "temperature_rate" not in answer.found[0].look_alikes
     assert "temperature_rate" not in next_experiment(answer, [run], check=[check], static=still).separates
+
+
+@pytest.mark.parametrize(
+    ("has", "borne"), [("temperature_rate", ["thermometer_lag", "hysteresis"]), ("thermal_lag", ["hysteresis"])]
+)
+def test_a_check_run_alone_finds_no_second_effect_that_moves_the_temperature(monkeypatch, has, borne):
+    """A lag of 120 s beside dT/dt: a lag of 211 s and a lead of 77 s, which undo each other, were called missing."""
+    offered = {name: effects.make(name) for name in ("thermometer_lag", "hysteresis")}
+    search = Search(SimpleNamespace(effects=offered), None, check=[None])
+    monkeypatch.setattr("bench.analysis.diagnosis.verdict._acts_again", lambda *_: True)
+    monkeypatch.setattr(Search, "_total", lambda self, layout, point, leaders: [50.0] * len(leaders))
+    layout = SimpleNamespace(rows=SimpleNamespace(model=SimpleNamespace(effects=(effects.make(has),))))
+    leaders = [SimpleNamespace(name=name, sized=True) for name in offered]
+    assert [one.name for one in search._borne(layout, (0, 0), leaders)] == borne

@@ -227,9 +227,14 @@ class Search:
         return FURTHER_EVIDENCE if effect.needs or effect.parameters or effect.moves_abscissa else FURTHER_SLOW
 
     def _borne(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[Suspect]:
-        """The leaders of which the run and the check runs together tell enough, and no other one more."""
+        """The leaders of which the run and the check runs together tell enough, and no other one more.
+
+        Not a second one that moves the abscissa: a lead and a lag that undo each other fit a check run by little.
+        """
         if not self.check:
             return []
+        if any(effect.moves_abscissa for effect in layout.rows.model.effects):
+            leaders = [leader for leader in leaders if not self.offer.effects[leader.name].moves_abscissa]
         leaders = [leader for leader in leaders if leader.sized and _acts_again(layout, self.offer, self.check, leader)]
         total = self._total(layout, point, leaders)
         least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
