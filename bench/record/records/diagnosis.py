@@ -54,6 +54,8 @@ class DiagnosisRecord(Record):
     verdict: str
     proved: bool | None = None
     nearest: str | None = None
+    contradicted: bool = False
+    """Whether check runs speak clearly against what the fitted runs show beyond doubt."""
     sentence: str = ""
     runs: tuple[str, ...] = ()
     check: tuple[str, ...] = ()
