@@ -36,8 +36,7 @@ _ALIKE = 0.97  # correlation of whitened columns beside the model: these data ca
 _ACTS = 0.9  # of its square sum: the range of temperature where it acts
 _ONE_PLACE = 0.1  # of the gain: less than this on either half of the legs is not seen twice
 _IMPLAUSIBLE = 1.0  # of the spread of the bias over the run: a term larger than that cancels something
-_PERIODS = 5.0  # of a sine over time in one run: of fewer, a leg left out lies on the way between two others
-_REPEATED = 12  # periods of one over anything else, with as many parts of legs: one left out lies between its like
+_PERIODS = 5.0  # of a sine in one run: of fewer, a leg left out lies on the way between two others
 
 
 @dataclass(frozen=True, eq=False)
@@ -463,10 +462,10 @@ def _doubted(proof: Proof, layout: Layout, parts: Sequence[FoundFormula]) -> Pro
 
 
 def _repeats(one: FoundFormula) -> bool:
-    """Whether it is periodic, over whatever it is, with so many periods that a part of a leg is one of many."""
+    """Whether it is periodic, over whatever it is, with as many periods as a sine over time has to have."""
     changes = int(np.count_nonzero(np.diff(np.signbit(one.contribution))))
     periodic = any(word in block.text for block in one.formula.blocks for word in ("sin(", "sawtooth("))
-    return periodic and changes >= 2 * _REPEATED
+    return periodic and changes >= 2 * _PERIODS
 
 
 def _acts(temperature: FloatArray, contribution: FloatArray) -> tuple[float, float]:

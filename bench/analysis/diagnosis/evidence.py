@@ -29,7 +29,6 @@ from bench.analysis.noise.whitening import Ratios, Whitener
 from bench.analysis.thresholds import BEYOND_DOUBT, TIE, WRONGLY_NAMED
 from bench.base import Aside, FloatArray, shared
 
-_EACH = 4  # point of the grid of a moved abscissa at which the curve is fitted anew
 _E = TypeVar("_E", float, FloatArray)
 
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
@@ -281,26 +280,10 @@ class _Weighing:
         scanned = []
         for index, candidate in enumerate(self.candidates):
             own, grid = scan.which == index, scan.starts(index, points)
-            best = rough[own]
-            if candidate.shift:
-                grid, exact = self._exactly(candidate, grid)
-                best = np.append(best, scan.base[0] - exact - paid[own][0])
-            hope = float(np.max(_hope(best, paid[own][0])))
+            hope = float(np.max(_hope(rough[own], paid[own])))
             excited = bool(scan.excited[own].max() >= DEPENDENT)
-            scanned.append(_Scanned(candidate, grid, float(paid[own][0]), float(best.max()), hope, excited))
+            scanned.append(_Scanned(candidate, grid, float(paid[own][0]), float(rough[own].max()), hope, excited))
         return scanned
-
-    def _exactly(self, candidate: Candidate, grid: tuple[Start, ...]) -> tuple[tuple[Start, ...], float]:
-        """Some of the grid with the curve fitted anew at each point, and the lowest height among them.
-
-        The curve held, as the scan has it, says nothing of a temperature that differs much from the recorded one.
-        """
-        known = list(grid)
-        for place in range(_EACH // 2, len(grid), _EACH):
-            exact = self.refiner.height(candidate, grid[place].theta, self.best)
-            if exact < grid[place].height:
-                known[place] = Start(grid[place].theta, self.best, exact)
-        return tuple(known), min(start.height for start in known)
 
     def _refined(self, scanned: _Scanned, closely: bool) -> _Reached:
         theta, point, height = self.refiner.refine(scanned.candidate, scanned.grid, self.best, closely=closely)
