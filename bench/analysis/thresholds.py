@@ -52,7 +52,7 @@ NAMED_FALL = 0.02
 BEYOND_DOUBT = 40.0
 """Evidence that chance never reaches."""
 SHAPE_ALONE = 0.95
-"""Share of an error on check runs, without their constants, below which these are worth a note."""
+"""Share of an error, without the constants of its runs, below which these are worth a note."""
 PROVED_FALL = 0.03
 """Least relative fall of the error on unseen data that proves an effect …"""
 PROVED_DEVIATIONS = 2.0

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from bench.analysis.diagnosis.pieces import BLOCKS, pieces_of
+from bench.analysis.diagnosis.proof import visited_again
 from bench.analysis.diagnosis.scores import Comparison, Counted, HeldOut, Score, SegmentScore
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -174,7 +175,11 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
         return HeldOut("check", reason=str(error))
     residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
     outside = float(np.mean(np.concatenate([fit.out_of_range(check, NEAR_RANGE) for check in checks])))
-    return error_of("check", checks, residuals, outside)
+    found = error_of("check", checks, residuals, outside)
+    if "temperature" not in fit.validity:
+        return found
+    fitted, weights = np.array(fit.validity["temperature"]), [check.count("rate") for check in checks]
+    return replace(found, shape_dph=visited_again(fitted, checks, residuals, weights).rms_dph)
 
 
 def error_of(
@@ -182,8 +187,7 @@ def error_of(
 ) -> HeldOut:
     """Error of residuals (n,) [deg/h] of records that the fit did not see."""
     rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
-    apart = tuple(own - _mean(record, own) for record, own in zip(records, residuals, strict=True))
-    return HeldOut(by, rms, interval, peak, out_of_range, shape_dph=_rms(records, apart))
+    return HeldOut(by, rms, interval, peak, out_of_range)
 
 
 def _left_out(
@@ -248,13 +252,6 @@ def _squares(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) ->
 def _rms(records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...]) -> float:
     squares, weights = _squares(records, residuals)
     return float(np.sqrt(squares.sum() / weights.sum())) if weights.any() else np.nan
-
-
-def _mean(record: Dataset, residual: FloatArray) -> float:
-    """Mean of residuals (n,) [deg/h], weighted as their RMS."""
-    present = np.isfinite(residual)
-    weights = np.where(present, record.count("rate"), 0.0)
-    return float(np.average(np.where(present, residual, 0.0), weights=weights)) if weights.any() else 0.0
 
 
 def _peak(residuals: tuple[FloatArray, ...]) -> float:

@@ -233,7 +233,7 @@ def propose(
         if limits is None and not found.decides:
             quick = faster(shown)
             roughly, before = _roughly(rated, quick), rated.expected(None, roughly=True)
-            if max(one.after(before, _FAR_MORE_RUNS).probability for one in roughly) >= _HOPELESS:
+            if max(one.after(before, _FAR_MORE_RUNS).probability for one, _ in roughly) >= _HOPELESS:
                 more = f"; {quick.rates}, faster than these runs: {_CHECK}"
                 other = _designed(rated, thermal, quick, roughly, more)
                 rates = quick.heating_degc_per_min, quick.cooling_degc_per_min
@@ -257,18 +257,23 @@ def _leaving_open(proposal: Proposal, others: Sequence[str]) -> Proposal:
     return replace(proposal, why=f"{proposal.why}; {left}")
 
 
-def _roughly(rated: Discrimination, limits: ChamberLimits) -> list[Expected]:
+def _roughly(rated: Discrimination, limits: ChamberLimits) -> list[tuple[Expected, Plan]]:
     """What each plan of the library promises, by few parameters of the rivals at the likeliest noise."""
-    return shared([partial(rated.expected, plan, roughly=True) for plan in plans(limits)], usual_workers())
+    library = plans(limits)
+    promised = shared([partial(rated.expected, plan, roughly=True) for plan in library], usual_workers())
+    return list(zip(promised, library, strict=True))
 
 
 def _designed(
-    rated: Discrimination, rivals: Sequence[Rival], limits: ChamberLimits, roughly: Sequence[Expected], more: str = ""
+    rated: Discrimination,
+    rivals: Sequence[Rival],
+    limits: ChamberLimits,
+    roughly: Sequence[tuple[Expected, Plan]],
+    more: str = "",
 ) -> Proposal:
-    """The run of the library that tells these rivals apart, of the ones that promise most; `more` is said, too."""
-    before, library = rated.expected(None), plans(limits)
-    order = np.argsort([-one.probability for one in roughly], kind="stable")
-    longer = [again for i in order[:_CLOSELY] for again in repetitions(library[i], limits)]
+    """The run that tells these rivals apart, of the plans that promise most `roughly`; `more` is said of it, too."""
+    before, foremost = rated.expected(None), sorted(roughly, key=lambda pair: -pair[0].probability)
+    longer = [again for _, plan in foremost[:_CLOSELY] for again in repetitions(plan, limits)]
     closely = shared([partial(rated.expected, plan) for plan in longer], usual_workers())
     scored = list(zip(closely, longer, strict=True))
     most = max(after.probability for after, _ in scored)
@@ -276,7 +281,7 @@ def _designed(
     after, plan = min(enough, key=lambda pair: pair[1].expected_s)
     names = tuple(rival.name for rival in rivals if rival.tied)
     often = after.after(before, _MOST_RUNS).probability
-    tried = len(library) + len(longer) - _CLOSELY
+    tried = len(roughly) + len(longer) - _CLOSELY
     promise = (
         f"with a probability of {100 * after.probability:.0f} %, if one of them alone is the cause "
         f"({100 * before.probability:.0f} % without it"

@@ -36,7 +36,7 @@ class HeldOut:
     """Share of the rows that lie outside the range of the rows that were fitted."""
     reason: str = ""
     shape_dph: float = np.nan
-    """RMS beside a constant of each run, such as its turn-on bias, which is no part of a model."""
+    """RMS on check runs beside a constant of each, at temperatures that were fitted: what a proof compares."""
 
 
 @dataclass(frozen=True)
