@@ -6,6 +6,8 @@ import pytest
 from bench.analysis.diagnosis.compare import compare, ladder
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model, load_model
+from bench.analysis.judging.completeness import Completeness
+from bench.analysis.judging.verdict import judge
 from bench.base.errors import InputError
 from bench.record.dataset import Dataset
 from tests.support.analysis_data import curve, thermal_cycle, white, with_bias
@@ -106,6 +108,28 @@ def test_what_a_turn_on_bias_has_in_the_error_on_a_check_run_is_told():
     alone = plain.scores[0].held_out.rms_dph
     assert moved.scores[0].held_out.shape_dph == pytest.approx(alone, rel=0.05)
     assert moved.constants.startswith("held-out without a constant of each check run, such as its turn-on bias: spline")
+
+
+def test_spikes_of_a_check_run_count_and_are_told():
+    """The error was 14 x the noise floor, and no word said that three means made it so."""
+    other = record(1)
+    bias = other.bias.copy()
+    bias[[20, 60, 100]] += [20.0, -20.0, 30.0]
+    plain, struck = (
+        compare(record(0), [spline(24)], 0.2, with_bias(other, own, "other")) for own in (other.bias, bias)
+    )
+    assert plain.spikes == ""
+    held, without = struck.scores[0].held_out, plain.scores[0].held_out
+    assert (held.spikes, without.spikes) == (3, 0)
+    assert held.rms_dph > 5.0 * without.rms_dph
+    assert held.plain_dph == pytest.approx(without.rms_dph, rel=0.02)
+    assert held.shape_dph == pytest.approx(without.shape_dph, rel=0.02)
+    assert (
+        struck.spikes == f"held-out without rows with spikes (3), which no model describes: spline {held.plain_dph:.3g}"
+    )
+    verdict = judge(Completeness("done", samples=1), struck.scores[0], 0.2, "")
+    assert verdict.word == "adequate"
+    assert "× without rows with spikes: 3)" in verdict.sentence
 
 
 def test_an_automatic_spline_is_compared_as_what_it_chose():

@@ -17,7 +17,7 @@ def test_a_noise_floor_above_the_error_is_said_to_be_an_upper_bound(floor_dph, s
         fit=SimpleNamespace(warnings=()),
     )
     comparison = SimpleNamespace(
-        scores=(score,), floor_dph=floor_dph, interval_s=30.0, by_counts="", constants="", refused=()
+        scores=(score,), floor_dph=floor_dph, interval_s=30.0, by_counts="", constants="", spikes="", refused=()
     )
     texts = [line for line in lines(Compared(comparison)) if isinstance(line, str)]
     assert any("an upper bound here" in text for text in texts) == said

@@ -41,6 +41,8 @@ class Candidate:
     """The grid where it is not one of evenly spaced points."""
     rarity: float = 0.0
     shift: Callable[[Theta], FloatArray] | None = field(default=None, repr=False)
+    anew: Callable[[Theta], bool] | None = field(default=None, repr=False)
+    """Whether the abscissa moves so far that the curve held says nothing: the curve has to be fitted anew."""
     many: Callable[[Sequence[Theta]], FloatArray] | None = field(default=None, repr=False)
     """`columns` of many parameters at once (n, many, k), where that is faster."""
 

@@ -19,6 +19,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.noise.spikes import despike
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
 from bench.base import BoolArray, FloatArray, InputError, IntArray, shared, usual_workers
 from bench.record import Dataset, refuse_mixed
@@ -179,7 +180,8 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
     if "temperature" not in fit.validity:
         return found
     fitted, weights = np.array(fit.validity["temperature"]), [check.count("rate") for check in checks]
-    return replace(found, shape_dph=visited_again(fitted, checks, residuals, weights).rms_dph)
+    plain = [_plain(residual) for residual in residuals]
+    return replace(found, shape_dph=visited_again(fitted, checks, plain, weights).rms_dph)
 
 
 def error_of(
@@ -187,7 +189,15 @@ def error_of(
 ) -> HeldOut:
     """Error of residuals (n,) [deg/h] of records that the fit did not see."""
     rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
-    return HeldOut(by, rms, interval, peak, out_of_range)
+    plain = tuple(_plain(residual) for residual in residuals)
+    spikes = sum(int(np.isfinite(r).sum() - np.isfinite(p).sum()) for r, p in zip(residuals, plain, strict=True))
+    without = _rms(records, plain) if spikes else rms
+    return HeldOut(by, rms, interval, peak, out_of_range, spikes=spikes, plain_dph=without)
+
+
+def _plain(residual: FloatArray) -> FloatArray:
+    """A residual (n,) without the rows that are spikes."""
+    return np.where(despike(residual), residual, np.nan)
 
 
 def _left_out(

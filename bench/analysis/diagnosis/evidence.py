@@ -279,11 +279,24 @@ class _Weighing:
         rough = scan.base[0] - scan.values[:, 0] - paid
         scanned = []
         for index, candidate in enumerate(self.candidates):
-            own, grid = scan.which == index, scan.starts(index, points)
-            hope = float(np.max(_hope(rough[own], paid[own])))
+            own = scan.which == index
+            grid = self._anew(candidate, scan.starts(index, points))
+            best = max(float(rough[own].max()), scan.base[0] - min(start.height for start in grid) - paid[own][0])
+            hope = float(_hope(best, float(paid[own][0])))
             excited = bool(scan.excited[own].max() >= DEPENDENT)
-            scanned.append(_Scanned(candidate, grid, float(paid[own][0]), float(rough[own].max()), hope, excited))
+            scanned.append(_Scanned(candidate, grid, float(paid[own][0]), best, hope, excited))
         return scanned
+
+    def _anew(self, candidate: Candidate, grid: tuple[Start, ...]) -> tuple[Start, ...]:
+        """The grid with the curve fitted anew where the abscissa moves so far that the scan says nothing."""
+        if candidate.anew is None:
+            return grid
+        known = list(grid)
+        for place, start in enumerate(grid):
+            if candidate.anew(start.theta):
+                exact = self.refiner.height(candidate, start.theta, self.best)
+                known[place] = min(start, Start(start.theta, self.best, exact), key=lambda each: each.height)
+        return tuple(known)
 
     def _refined(self, scanned: _Scanned, closely: bool) -> _Reached:
         theta, point, height = self.refiner.refine(scanned.candidate, scanned.grid, self.best, closely=closely)

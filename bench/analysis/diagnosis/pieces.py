@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 import numpy as np
 
 from bench.analysis.thresholds import MOST_EXTRAPOLATED, NEAR_RANGE
@@ -11,6 +13,7 @@ from bench.record import Dataset
 BLOCKS = 20
 _MOST_BLOCKS = 80
 _LEAST_ROWS = 3
+_SWING = 0.1  # of the range of temperature: what turns back by more ends a leg
 
 
 def pieces_of(record: Dataset) -> IntArray:
@@ -38,3 +41,22 @@ def _taken_share(pieces: IntArray, degc: FloatArray) -> float:
         if others.size:
             outside += int(np.sum(end < others[0] - NEAR_RANGE * np.ptp(others)))
     return outside / max(degc.size, 1)
+
+
+def legs_of(temperature: FloatArray) -> IntArray:
+    """Leg (n,) of each row of a record: from one turning point of the temperature (n,) [degC] to the next."""
+    swing = max(_SWING * float(np.nanmax(temperature) - np.nanmin(temperature)), 1.0)
+    turns, begin, sign = [], 0, 0
+    extreme = temperature[0]
+    for row, value in enumerate(temperature.tolist()):
+        if not isfinite(value):
+            continue
+        if not isfinite(extreme) or ((value - extreme) * sign >= 0.0 and sign):
+            extreme, begin = value, row
+        elif abs(value - extreme) > swing:
+            turns += [begin] if sign else []
+            sign = 1 if value > extreme else -1
+            extreme, begin = value, row
+    label = np.zeros(len(temperature), dtype=np.int64)
+    label[turns] = 1
+    return np.asarray(np.cumsum(label))

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis.diagnosis.pieces import legs_of
 from bench.analysis.fit.design import FitRows
 from bench.analysis.fit.solve import Solution, left_out
 from bench.analysis.thresholds import PROVED_DEVIATIONS, PROVED_FALL
 from bench.base import BoolArray, FloatArray, IntArray, finite, number
 from bench.record import Dataset
 
-_SWING = 0.1  # of the range of temperature: what turns back by more ends a leg
 _LEAST_LEGS = 3
 _PARTS = 4  # of each leg, where a whole leg cannot be left out,
 _LEAST_PARTS = 12  # … and of all legs together
@@ -163,29 +163,10 @@ def legs(rows: FitRows) -> IntArray:
     """Leg (rows,) of each row to fit: from one turning point of the temperature to the next, none across two runs."""
     labels, used = [], 0
     for record, mask in zip(rows.records, rows.masks, strict=True):
-        own = _legs(record)[mask]
+        own = legs_of(record.channel("temperature"))[mask]
         labels.append(used + own)
         used += int(own.max(initial=-1)) + 1
     return np.unique(np.concatenate(labels), return_inverse=True)[1].astype(np.int64)
-
-
-def _legs(record: Dataset) -> IntArray:
-    temperature = record.channel("temperature")
-    swing = max(_SWING * float(np.nanmax(temperature) - np.nanmin(temperature)), 1.0)
-    turns, begin, sign = [], 0, 0
-    extreme = temperature[0]
-    for row, value in enumerate(temperature.tolist()):
-        if not isfinite(value):
-            continue
-        if not isfinite(extreme) or ((value - extreme) * sign >= 0.0 and sign):
-            extreme, begin = value, row
-        elif abs(value - extreme) > swing:
-            turns += [begin] if sign else []
-            sign = 1 if value > extreme else -1
-            extreme, begin = value, row
-    label = np.zeros(len(record), dtype=np.int64)
-    label[turns] = 1
-    return np.asarray(np.cumsum(label))
 
 
 def parts(label: IntArray, count: int = _PARTS) -> IntArray:

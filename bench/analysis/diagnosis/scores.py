@@ -37,6 +37,10 @@ class HeldOut:
     reason: str = ""
     shape_dph: float = np.nan
     """RMS on check runs beside a constant of each, at temperatures that were fitted: what a proof compares."""
+    spikes: int = 0
+    """Rows that stand out of what is left around them: they count in all errors but `shape_dph` and `plain_dph`."""
+    plain_dph: float = np.nan
+    """RMS without those rows."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,16 @@ class Comparison:
         listed = "; ".join(f"{name} {number(one.shape_dph)}" for name, one in held)
         return f"held-out without a constant of each check run, such as its turn-on bias: {listed}"
 
+    @property
+    def spikes(self) -> str:
+        """Errors of the models without rows with spikes, one line; empty where there are none."""
+        held = [(score.model.name, score.held_out) for score in self.scores if score.held_out.spikes]
+        if not held:
+            return ""
+        listed = "; ".join(f"{name} {number(one.plain_dph)}" for name, one in held)
+        most = max(one.spikes for _, one in held)
+        return f"held-out without rows with spikes ({most}), which no model describes: {listed}"
+
     def to_json(self) -> dict[str, Any]:
         """The object of `bench compare --json`; null where a number does not exist."""
         return {
@@ -142,6 +156,8 @@ def _held_out_json(part: HeldOut) -> dict[str, Any]:
         "rms_dph": finite(part.rms_dph),
         "interval_dph": [finite(end) for end in part.interval_dph],
         "peak_dph": finite(part.peak_dph),
+        "spikes": part.spikes,
+        "plain_rms_dph": finite(part.plain_dph),
         "out_of_range": finite(part.out_of_range),
         "reason": part.reason,
     }

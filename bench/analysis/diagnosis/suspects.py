@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, orthonormal, outside
+from bench.analysis.diagnosis.pieces import legs_of
 from bench.analysis.diagnosis.probes import Probe, usual
 from bench.analysis.diagnosis.resolution import Resolution, resolution
 from bench.analysis.diagnosis.still import Still
@@ -32,6 +33,8 @@ _APART_S = 30 * 86400.0
 _POINTS_OF_TWO = 14  # grid points of each parameter of a change point with a width
 _POINTS_OF_PLACE = 64  # of a place in temperature: about two degrees apart, what happens there is wider
 _MOST_STEPS = 4
+_FAR = 0.2  # of the range of temperature (RMS): a fitted curve says nothing of a temperature that is so far away
+_LEAST_LEGS = 4  # of a temperature over which a curve is not one over time
 _SHARES = (1.0, 0.5, 0.2)  # of a Gauss-Newton step, the first that lowers the misfit
 _ENOUGH = 1e-3  # of the misfit: a step that gains less is the last
 _CHANNELS = ("frequency", "drive", "quadrature", "supply", "compressor", "chamber_temperature", "applied_rate",
@@ -128,6 +131,7 @@ class Layout:
             points=points,
             rarity=effect.rarity,
             shift=moved.shift if moved else None,
+            anew=moved.anew if moved else None,
         )
 
     def probes(self) -> list[Probe]:
@@ -377,6 +381,21 @@ class _Moved:
 
     def shift(self, theta: Theta) -> FloatArray:
         """What the moved temperature changes in the fitted curve (n, 1)."""
-        named = dict(zip([p.name for p in self._effect.parameters], theta, strict=True))
-        moved = [r.with_channel("temperature", self._effect.abscissa(r, named)) for r in self._layout.seen]
+        moved = [r.with_channel("temperature", own) for r, own in zip(self._layout.seen, self._at(theta), strict=True)]
         return (self._layout.curve(moved) - self._layout.unmoved)[:, None]
+
+    def anew(self, theta: Theta) -> bool:
+        """Whether the moved temperature is far from the one that was fitted, and comes back often enough that a curve
+        over it is not a curve over time.
+        """
+        moved, seen = self._at(theta), [record.channel("temperature") for record in self._layout.seen]
+        apart = self._layout.stacked([own - was for own, was in zip(moved, seen, strict=True)])
+        far = _FAR * float(np.ptp(self._layout.stacked(seen)))
+        return (
+            float(np.sqrt(np.mean(apart**2))) > far and sum(int(legs_of(own)[-1]) + 1 for own in moved) >= _LEAST_LEGS
+        )
+
+    def _at(self, theta: Theta) -> list[FloatArray]:
+        """The moved temperature [degC] of all rows of each record."""
+        named = dict(zip([p.name for p in self._effect.parameters], theta, strict=True))
+        return [self._effect.abscissa(record, named) for record in self._layout.seen]

@@ -141,8 +141,11 @@ def _model(best: Score, floor_dph: float) -> tuple[str, Word]:
     if bound_only(floor_dph, rms):
         return f"{name} leaves {number(rms)} deg/h on unseen data; the noise floor is an upper bound here", "adequate"
     ratio = rms / floor_dph
-    word: Word = "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
-    return f"{name} leaves {number(ratio, 2)} × the noise floor on unseen data", word
+    text = f"{name} leaves {number(ratio, 2)} × the noise floor on unseen data"
+    if spikes := best.held_out.spikes:
+        ratio = best.held_out.plain_dph / floor_dph
+        text += f" ({number(ratio, 2)} × without rows with spikes: {spikes})"
+    return text, "adequate" if ratio <= ADEQUATE_RATIO else "model_error"
 
 
 def _state(done: Completeness) -> str:

@@ -55,7 +55,7 @@ def _compared(comparison: analysis.Comparison) -> Table:
 def _(result: Compared) -> Iterator[str | Table]:
     comparison = result.comparison
     yield _compared(comparison)
-    notes = [text for text in (comparison.by_counts, comparison.constants) if text]
+    notes = [text for text in (comparison.by_counts, comparison.constants, comparison.spikes) if text]
     least = min((score.held_out.rms_dph for score in comparison.scores), default=float("nan"))
     notes += [f"note: {text}" for text in analysis.bound_notes(comparison.floor_dph, least)]
     notes += [f"not fitted: {name}: {reason}" for name, reason in comparison.refused]

@@ -76,8 +76,8 @@ def ladder(analysis: Analysis) -> Section | None:
     html += table("The ladder of models", head, rows, (2, 3, 4, 5))
     if comparison.by_counts:
         html += paragraph(f"Rows count by the noise that each fit estimates; {comparison.by_counts}.")
-    if comparison.constants:
-        html += paragraph(f"{capital(comparison.constants)}.")
+    for text in (comparison.constants, comparison.spikes):
+        html += paragraph(f"{capital(text)}.") if text else ""
     return Section("ladder", "Ladder of models", html + lost)
 
 
