@@ -67,6 +67,7 @@ CASES = {
     "compressor": (0.4 * RUN.channel("compressor"), {}, {"a": 0.4}),
     "bias_jump": (0.3 * (HOURS > 4.001), {"at_h": 4.001}, {"a": 0.3}),
     "bias_kink": (0.05 * np.maximum(T - 38.0, 0.0), {"at_degc": 38.0}, {"k": 0.05}),
+    "scale_factor": (3600e-6 * W * 20.0, {}, {"s0": 20.0}),
     "scale_factor_temperature": (3600e-6 * W * (20.0 + 2.0 * WARMER), {}, {"s0": 20.0, "s1": 2.0, "s2": 0.0}),
     "scale_factor_nonlinearity": (3600e-6 * (10 * W + 0.2 * W**2 + 0.003 * W**3), {}, {"c2": 0.2, "c3": 0.003}),
 }  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 
 from bench.analysis.diagnosis import diagnose as diagnosing
 from bench.analysis.diagnosis.compare import beside_rotation, compare, ladder, plain_name
+from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.diagnosis.improve import add_effect
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.still import Still
@@ -62,6 +63,7 @@ def test_at_one_temperature_the_scale_factor_over_the_rate_is_what_is_judged():
     [
         ("scale_factor_temperature", "scale_factor_nonlinearity"),
         ("scale_factor_nonlinearity", "scale_factor_temperature"),
+        ("scale_factor", "scale_factor_temperature", "scale_factor_nonlinearity"),
     ],
 )
 def test_effects_that_share_a_term_can_be_added_one_after_the_other(order):
@@ -72,6 +74,21 @@ def test_effects_that_share_a_term_can_be_added_one_after_the_other(order):
     assert fit.rms_dph == pytest.approx(0.1, rel=0.1)
     known = {c.key.split(".")[1]: c.value for c in fit.coefficients}
     assert known.get("s0", known.get("c1")) == pytest.approx(40.0, abs=1.0)
+
+
+@pytest.mark.parametrize("ppm", [30.0, -2e6])  # the second: the sign of the table is reversed
+def test_a_constant_error_of_the_scale_factor_is_named_as_that_and_not_as_one_that_changes(ppm):
+    """The answer was a nonlinearity whose own terms were zero within their uncertainty."""
+    data = ramp()
+    rate, temperature = data.channel("applied_rate"), data.channel("temperature")
+    noise_dph = 0.1 * np.random.default_rng(2).standard_normal(len(data))
+    error = 5.0 + 0.1 * temperature + 3600e-6 * ppm * rate + noise_dph
+    plain = data.with_channel("rate", error + 3600.0 * rate)
+    (found,) = diagnose([plain], Model("cubic", (make("polynomial", {"order": 3}),))).found
+    assert found.effect == "scale_factor"
+    s0 = found.parameters["s0"]
+    assert abs(s0.value - ppm) < 3.0 * s0.std + 1e-9 * abs(ppm)
+    assert not found.look_alikes
 
 
 RATES = [0.0, 60.0, -60.0, 120.0, -120.0]

@@ -29,6 +29,7 @@ from bench.analysis.effects.polynomial import Polynomial
 from bench.analysis.effects.quadrature_leakage import QuadratureLeakage
 from bench.analysis.effects.regression import Regression
 from bench.analysis.effects.resonance_frequency import ResonanceFrequency
+from bench.analysis.effects.scale_factor import ScaleFactor
 from bench.analysis.effects.scale_factor_nonlinearity import ScaleFactorNonlinearity
 from bench.analysis.effects.scale_factor_temperature import ScaleFactorTemperature
 from bench.analysis.effects.shupe import Shupe
@@ -62,6 +63,7 @@ _BUILT_IN = (
     BiasJump,
     BiasKink,
     Frost,
+    ScaleFactor,
     ScaleFactorTemperature,
     ScaleFactorNonlinearity,
     ThermometerLag,

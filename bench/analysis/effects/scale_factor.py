@@ -1,34 +1,33 @@
-"""What the effects of the scale factor share: terms by powers, of which the lowest is the scale factor's offset."""
+"""Error of the scale factor that is the same at every rate and temperature.
+
+Equation: B = 3600e-6 s0 W.
+Units: B [deg/h], W rate of the table [deg/s], s0 [ppm].
+Source: IEEE 1431 (scale-factor error); thousands of ppm without calibration. About -2,000,000 ppm: the sign of the rate
+or of the table is reversed; a misalignment of the table's axis by an angle a gives 1e6 (cos a - 1).
+When left out: the residual is proportional to the applied rate.
+Look-alikes: scale_factor_temperature and scale_factor_nonlinearity (both have this term and further ones).
+Separated by: plus and minus several rates at several temperatures.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import ClassVar, Self
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from bench.analysis.effects.base import Effect, Scale, Theta, check_choice, check_whole
+from bench.analysis.effects.base import Effect, Scale, Theta
 from bench.base import DPH_PER_DPS, FloatArray
 from bench.record import Dataset
 
 
 @dataclass(frozen=True)
 class ScaleFactor(Effect):
-    """Terms up to the power `order`; `constant` false leaves out that of the power `first`."""
+    """One term: the applied rate."""
 
-    letter: ClassVar[str]
-    units: ClassVar[tuple[str, ...]]
-    """By power."""
-    first: ClassVar[int]
-
-    order: int = 2
-    constant: bool = True
-
-    def __post_init__(self) -> None:
-        check_whole(self.name, "order", self.order, self.first + 1, len(self.units) - 1)
-        check_choice(self.name, "constant", self.constant, (True, False))
+    name = "scale_factor"
+    needs = ("applied_rate",)
 
     def prepare(self, records: Sequence[Dataset]) -> Self:
         """Checks that the table turned."""
@@ -38,27 +37,13 @@ class ScaleFactor(Effect):
     @property
     def shared(self) -> str:
         """The constant of the scale factor."""
-        return "scale factor" if self.constant else ""
-
-    def without_shared(self) -> Effect:
-        """Without the constant."""
-        return replace(self, constant=False)
+        return "scale factor"
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
-        """Bias per coefficient (n, k) [deg/h]."""
-        terms = (record.mean_of(partial(self.term, power), *self.needs) for power in self._powers)
-        return np.column_stack([1e-6 * DPH_PER_DPS * each for each in terms])
+        """Bias per ppm (n, 1) [deg/h]."""
+        return np.asarray(1e-6 * DPH_PER_DPS * record.channel("applied_rate")[:, None])
 
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:
-        """One a power."""
-        return tuple((f"{self.letter}{power}", self.units[power]) for power in self._powers)
-
-    @property
-    def _powers(self) -> range:
-        return range(self.first if self.constant else self.first + 1, self.order + 1)
-
-    @staticmethod
-    def term(power: int, channels: Mapping[str, FloatArray]) -> FloatArray:
-        """The term of this power (n,), times a million over its coefficient [deg/s]."""
-        raise NotImplementedError
+        """The error [ppm]."""
+        return (("s0", "ppm"),)

@@ -4,7 +4,7 @@ Equation: B = 3600e-6 (c1 W + c2 W^2 + c3 W^3); `order` 2 leaves c3 out, `consta
 Units: B [deg/h], W rate of the table [deg/s], c1 [ppm], c2 [ppm per deg/s], c3 [ppm per (deg/s)^2].
 Source: IEEE 1431 (scale-factor nonlinearity and asymmetry).
 When left out: the residual is a curve over the applied rate: even for asymmetry (c2), odd for saturation (c3).
-Look-alikes: scale_factor_temperature (changes with temperature instead); c1 is what both share.
+Look-alikes: scale_factor_temperature (changes with temperature instead), scale_factor (c1 alone).
 Separated by: several rates of both signs at one temperature.
 """
 
@@ -15,12 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.effects.scale_factor import ScaleFactor
+from bench.analysis.effects.scale_factor_terms import ScaleFactorTerms
 from bench.base import FloatArray
 
 
 @dataclass(frozen=True)
-class ScaleFactorNonlinearity(ScaleFactor):
+class ScaleFactorNonlinearity(ScaleFactorTerms):
     """Powers of the applied rate; `order` 2 or 3, `constant` true or false."""
 
     name = "scale_factor_nonlinearity"

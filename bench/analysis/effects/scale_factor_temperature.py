@@ -4,7 +4,7 @@ Equation: B = 3600e-6 W (s0 + s1 (T - 25 degC) + s2 (T - 25 degC)^2); `order` 1 
 Units: B [deg/h], W rate of the table [deg/s], T [degC], s0 [ppm], s1 [ppm/degC], s2 [ppm/degC^2].
 Source: IEEE 1431 (temperature sensitivity of the scale factor); 20-200 ppm/degC without, 1-10 with compensation.
 When left out: the residual has the sign of the rate, and its size changes with temperature.
-Look-alikes: scale_factor_nonlinearity (changes with the rate instead), misalignment of the table's axis (s0 alone).
+Look-alikes: scale_factor_nonlinearity (changes with the rate instead), scale_factor (s0 alone).
 Separated by: plus and minus the same rate at each temperature: the odd part is scale factor, the even part bias.
 """
 
@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.effects.base import REFERENCE_DEGC
-from bench.analysis.effects.scale_factor import ScaleFactor
+from bench.analysis.effects.scale_factor_terms import ScaleFactorTerms
 from bench.base import FloatArray
 
 
 @dataclass(frozen=True)
-class ScaleFactorTemperature(ScaleFactor):
+class ScaleFactorTemperature(ScaleFactorTerms):
     """Applied rate times a polynomial in temperature; `order` 1 or 2, `constant` true or false."""
 
     name = "scale_factor_temperature"

@@ -67,6 +67,7 @@ def parts_of(effect: Effect) -> tuple[Part, ...]:
         "regression": tuple(Part(Shape.SERIES, (channel,), order) for channel in effect.needs),
         "quadrature_leakage": (Part(Shape.SURFACE, ("quadrature", "temperature"), 2),),
         "surface": (Part(Shape.SURFACE, channels_of(effect), order),),
+        "scale_factor": (Part(Shape.SURFACE, (*effect.needs, *temperature), 1),),
         "scale_factor_temperature": (Part(Shape.SURFACE, effect.needs, order + 1),),
         "scale_factor_nonlinearity": (Part(Shape.SURFACE, (*effect.needs, *temperature), order),),
         "spline": (Part(Shape.SPLINE, temperature, getattr(effect, "intervals", 1)),),
