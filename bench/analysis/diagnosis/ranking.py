@@ -104,7 +104,12 @@ class Ranking:
         if suspect.effect in known:  # a check run can show it
             least = max(known.values()) - RULED_OUT
             names = [one.effect for one in ranked if known.get(one.effect, -np.inf) + one.charged > least]
-        return tuple(name for name in names if name != suspect.effect) if suspect.effect in names else ()
+        if suspect.effect not in names:
+            return ()
+        own = self.offer.effects[suspect.name]
+        if own.shared and len(own.amplitudes) == 1:  # no run tells it from what has this term and further ones
+            names = [s.effect for s in ranked if s.effect in names and self.offer.effects[s.name].shared != own.shared]
+        return tuple(name for name in names if name != suspect.effect)
 
     def _told(self, layout: Layout, evidence: Evidence) -> dict[str, float]:
         """Evidence of each effect that check runs have a say in, by the runs and these together; worked out once."""
