@@ -118,23 +118,44 @@ def test_an_effect_that_unseen_data_do_not_bear_out_is_suspected_and_not_a_headl
     assert "record another run and give it as --check" not in answer.sentence.lower(), "one was given"
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_part_that_follows_the_thermometer_for_hours_is_named_though_the_fitted_curve_is_none(seed):
-    """The answer was that no effect explains it, and that the run would not show a lag of any size."""
+def _followed(seed: int, heating_s: float, cooling_s: float) -> Dataset:
+    """A day on the chamber, the curve over the temperature of a part that follows with these time constants."""
     rng, time = np.random.default_rng(seed), (np.arange(1040) + 0.5) * 30.0
     turns_h = [0.0, 0.35, 0.85, 1.2, 2.25, 2.6, 4.7, 5.0, 7.1, 7.5, 8.4, 8.67]
     temperature = np.interp(time / 3600.0, turns_h, [25, 25, 85, 85, -40, -40, 85, 85, -40, -40, 15, 25])
     inner, at = np.empty(time.size), 25.0
     for row, outer in enumerate(temperature):
-        inner[row] = at = at + 30.0 / 8000.0 * (outer - at)
+        for _ in range(15):
+            at += 2.0 / (heating_s if outer > at else cooling_s) * (outer - at)
+        inner[row] = at
     x = (inner - 25.0) / 60.0
     bias = 4.0 + 3.0 * x - 2.2 * x**2 + 1.5 * x**3 + 0.4 * np.sin(inner / 14.0)
     channels = {"temperature": temperature, "rate": bias + 0.11 * rng.normal(size=time.size)}
-    run = Dataset("slow", time, channels, np.zeros(time.size, dtype=np.int64), (), 30.0)
-    answer = diagnose([run], Model("spline", (effects.make("spline", {"intervals": 24}),)), candidates=FEW)
-    lag = answer.found[0]
+    return Dataset("slow", time, channels, np.zeros(time.size, dtype=np.int64), (), 30.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_part_that_follows_the_thermometer_for_hours_is_named_though_the_fitted_curve_is_none(seed):
+    """The answer was that no effect explains it, and that the run would not show a lag of any size."""
+    model = Model("spline", (effects.make("spline", {"intervals": 24}),))
+    lag = diagnose([_followed(seed, 8000.0, 8000.0)], model, candidates=FEW).found[0]
     assert lag.effect == "thermal_lag"
     assert abs(lag.parameters["tau_s"].value - 8000.0) < 3.0 * lag.parameters["tau_s"].std
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_lag_that_differs_between_heating_and_cooling_is_one_effect(seed):
+    """It was a lag and a hysteresis of the thermometer, both proved; and of two time constants that take each other's
+    place each was stated as if the other were known.
+    """
+    model = Model("spline", (effects.make("spline", {"intervals": 24}),))
+    wanted = [*FEW, effects.make("thermometer_hysteresis"), effects.make("clock_delay")]
+    (lag,) = diagnose([_followed(seed, 100.0, 300.0)], model, candidates=wanted).found
+    assert (lag.effect, lag.options) == ("thermal_lag", {"uneven": True})
+    for name, truth in (("tau_s", 100.0), ("cooling", 3.0)):
+        found = lag.parameters[name]
+        assert abs(found.value - truth) < 2.5 * found.std
+        assert found.std > 0.05 * truth, "one rate of heating and one of cooling hardly tell them apart"
 
 
 def test_spikes_in_a_check_run_speak_against_no_effect(still):

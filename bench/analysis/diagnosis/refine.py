@@ -219,18 +219,22 @@ class Refiner:
         return self._newton(candidate, moved, roughly) if moved.height < found.height - _LEAST else found
 
     def _newton(self, candidate: Candidate, start: Start, roughly: bool) -> Start:
-        def slopes(unit: FloatArray, steps: FloatArray, here: Seen) -> tuple[FloatArray, FloatArray]:
-            away = np.where(unit > 0.5, -steps, steps)
-            near = self._seen(candidate, [_theta(candidate, each) for each in unit + np.diag(away)], start.point)
-            rests = np.column_stack([each.rest - here.rest for each in near]) / away
-            volumes = np.array([each.volume - here.volume for each in near]) / away
-            return 2.0 * rests.T @ here.rest / here.sigma2 + volumes, 2.0 * rests.T @ rests / here.sigma2
-
         def seen(unit: FloatArray) -> Seen:
             return self._seen(candidate, [_theta(candidate, unit)], start.point)[0]
 
+        slopes = partial(self._slopes, candidate, start.point)
         unit, height = descend(seen, slopes, _unit(candidate, start.theta), _LEAST / 2.0 if roughly else 1e-3)
         return Start(_theta(candidate, unit), start.point, height) if height < start.height else start
+
+    def _slopes(
+        self, candidate: Candidate, point: Point, unit: FloatArray, steps: FloatArray, here: Seen
+    ) -> tuple[FloatArray, FloatArray]:
+        """Gradient (p,) and Gauss-Newton matrix (p, p) of `height` over parameters (p,) between 0 and 1."""
+        away = np.where(unit > 0.5, -steps, steps)
+        near = self._seen(candidate, [_theta(candidate, each) for each in unit + np.diag(away)], point)
+        rests = np.column_stack([each.rest - here.rest for each in near]) / away
+        volumes = np.array([each.volume - here.volume for each in near]) / away
+        return 2.0 * rests.T @ here.rest / here.sigma2 + volumes, 2.0 * rests.T @ rests / here.sigma2
 
     def _simplex(self, candidate: Candidate, start: Start) -> Start:
         at = _unit(candidate, start.theta)
@@ -248,13 +252,16 @@ class Refiner:
         return lambda unit: self.height(candidate, _theta(candidate, unit), point)
 
     def intervals(self, candidate: Candidate, theta: Theta, point: Point) -> dict[str, Interval]:
-        """95 % intervals of the parameters at this noise; of several parameters, each with the others held."""
+        """95 % intervals of the parameters at this noise, each with the others where they fit best (linearised)."""
         by_name = {}
         best = _unit(candidate, theta)
         function = self._of_unit(candidate, point)
-        lowest = function(best)
+        lowest, ways = function(best), np.eye(len(best))
+        if len(best) > 1:
+            here = self._seen(candidate, [theta], point)[0]
+            ways = _valleys(self._slopes(candidate, point, best, np.full(len(best), _DIFFERENCE), here)[1])
         for number, parameter in enumerate(candidate.parameters):
-            rise = partial(_rise, function, best, number, lowest)
+            rise = partial(_rise, function, best, ways[number], number, lowest)
             level = JUMP_95 if parameter.jump else CHI2_95
             ends = np.array([_crossing(rise, float(best[number]), end, level) for end in (0.0, 1.0)])
             low, high = from_unit(parameter, ends).tolist()
@@ -304,9 +311,25 @@ def _theta(candidate: Candidate, unit: FloatArray) -> Theta:
     return tuple(float(from_unit(p, inside[[i]])[0]) for i, p in enumerate(candidate.parameters))
 
 
-def _rise(function: Callable[[FloatArray], float], best: FloatArray, index: int, lowest: float, value: float) -> float:
-    """-2 ln L above the lowest with one parameter moved."""
-    return function(_moved(best, index, value)) - lowest
+def _rise(
+    function: Callable[[FloatArray], float],
+    best: FloatArray,
+    way: FloatArray,
+    index: int,
+    lowest: float,
+    value: float,
+) -> float:
+    """-2 ln L above the lowest with one parameter moved, and the others on their way (p,) with it."""
+    return function(np.clip(best + (value - best[index]) * way, 0.0, 1.0)) - lowest
+
+
+def _valleys(matrix: FloatArray) -> FloatArray:
+    """How far all parameters go (p, p) where one moves by one, each row for one, by the Gauss-Newton matrix (p, p)."""
+    ways = np.eye(len(matrix))
+    for index in range(len(matrix)):
+        others = np.arange(len(matrix)) != index
+        ways[index, others] = -np.linalg.lstsq(matrix[np.ix_(others, others)], matrix[others, index], rcond=None)[0]
+    return ways
 
 
 def _moved(best: FloatArray, index: int, value: float) -> FloatArray:

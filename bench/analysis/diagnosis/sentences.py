@@ -205,8 +205,8 @@ def _named(suspect: SuspectedEffect) -> str:
 def _measured(name: str, value: Value) -> str:
     size, deviation = with_uncertainty(value.value, value.std)
     if value.at_bound:
-        return f"{name} {number(value.value)} {value.unit} on its bound: not determined"
-    return f"{name} {size} +- {deviation} {value.unit}"
+        return f"{name} {number(value.value)} {value.unit}".rstrip() + " on its bound: not determined"
+    return f"{name} {size} +- {deviation} {value.unit}".rstrip()
 
 
 def _where(place: Place) -> str:
