@@ -315,7 +315,6 @@ def test_what_the_catalogue_does_not_have_is_called_unknown_and_shown(still):
     answer = diagnose([unit.run("short", seed=1)], SPLINE, static=still, candidates=FEW)
     assert answer.verdict == "unknown_effect"
     assert any(place.note.startswith("period 12") for place in answer.where)
-    assert answer.unexplained
     assert answer.formulas[0].formula.startswith("k * sin(2*pi*time/120")
     assert "no effect of the catalogue explains" in answer.sentence
 

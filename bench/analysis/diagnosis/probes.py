@@ -2,7 +2,7 @@
 
 A probe is a set of columns Z. S = |U' r|^2 / sigma^2 with U a basis of (I - QQ') W Z and r = (I - QQ') W y, Q a basis
 of the whitened model; chi-squared with rank U degrees of freedom if nothing is missing. Cells are shown one by one with
-their own uncertainty. Alarm if the smallest p-value is below 0.01 / number of probes (Bonferroni).
+their own uncertainty. Alarm if the smallest p-value is below 0.003 / number of probes (Bonferroni).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import SETTLED_DEGC_PER_MIN
 from bench.base import FloatArray
 
-_LEVEL = 0.01  # of all probes together; slow noise of other kinds (telegraph) reaches it about three times as often
+_LEVEL = 0.003  # of all probes together; noise of other kinds (telegraph, spikes) reaches it about three times as often
 UNLIKE_FREEDOM = 3
 """White noise, flicker and walk."""
 _DEPENDENT = 1e-4  # of a column's length outside the model, whitened: less is the model's own
@@ -81,8 +81,8 @@ class Examination:
 
     @property
     def places(self) -> tuple[Finding, ...]:
-        """Findings that show where an effect acts that was found by its evidence: the level of an alarm three times."""
-        return tuple(f for f in self.findings if f.p < 3.0 * self.level)
+        """Findings that show where an effect acts that was found by its evidence: ten times the level of an alarm."""
+        return tuple(f for f in self.findings if f.p < 10.0 * self.level)
 
 
 def examine(problem: Problem, probes: Sequence[Probe], lattice: NoiseLattice, point: Point) -> Examination:
