@@ -66,7 +66,7 @@ def run_case(case: Case) -> dict[str, Any]:
         "alike": alike,
         "suspects": [(s["effect"], round(s["evidence"], 1)) for s in content["suspects"]],
         "sentence": content["sentence"],
-        "noise": content.get("noise_finding"),
+        "notes": content["notes"],
         "held_out": [content["held_out_rms_dph"], content["floor_dph"]],
         "processor_s": round(spent, 2),
     }

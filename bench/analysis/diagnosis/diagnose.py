@@ -164,7 +164,6 @@ class _Case:
         layout = resolved(layout, floor)
         if steps := layout.resolution.words():
             notes.append(f"{steps}: no effect smaller than that is named")
-            noise = f"{noise}; {steps}" if noise else steps
         names = tuple(sister.name for sister in sisters)
         return cls(fit, layout, offered, floor, noise, tuple(notes), static, names)
 
