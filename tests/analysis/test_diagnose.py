@@ -158,6 +158,23 @@ def test_a_lag_that_differs_between_heating_and_cooling_is_one_effect(seed):
         assert found.std > 0.05 * truth, "one rate of heating and one of cooling hardly tell them apart"
 
 
+@pytest.mark.parametrize("seed", [5, 6, 11])
+def test_ageing_is_found_though_the_isothermal_run_ages_too(seed):
+    """Its drift there was taken for a random walk, beside which the drift of the run was nothing."""
+
+    def aged(run: Dataset) -> Dataset:
+        return run.with_channel("rate", run.channels["rate"] + 0.07 * run.time / 3600.0)
+
+    run, still = (
+        aged(HiddenUnit(()).run(profile, number)) for profile, number in (("two_rates", seed), ("static", 5000 + seed))
+    )
+    answer = diagnose([run], load_model("spline"), static=still, candidates=FEW)
+    assert [suspect.effect for suspect in answer.found] == ["aging"]
+    line = answer.found[0].parameters["line"]
+    assert abs(line.value - 0.07) < 2.5 * line.std
+    assert line.std < 0.02, "of a walk that the isothermal run does not have"
+
+
 def test_spikes_in_a_check_run_speak_against_no_effect(still):
     """Three of a thousand means; the answer was that no effect of the catalogue explains the error."""
     unit = HiddenUnit((LAG,)).at_strength(1.5, "short")

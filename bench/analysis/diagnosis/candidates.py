@@ -43,6 +43,9 @@ class Candidate:
     shift: Callable[[Theta], FloatArray] | None = field(default=None, repr=False)
     anew: Callable[[Theta], bool] | None = field(default=None, repr=False)
     """Whether the abscissa moves so far that the curve held says nothing: the curve has to be fitted anew."""
+    still: FloatArray | None = field(default=None, repr=False)
+    """Its column (n_s, 1) in the unit's isothermal run, where it acts there in the same size; for one column without
+    parameters."""
     many: Callable[[Sequence[Theta]], FloatArray] | None = field(default=None, repr=False)
     """`columns` of many parameters at once (n, many, k), where that is faster."""
 

@@ -55,14 +55,16 @@ class Start:
 class Whitened(NamedTuple):
     """The problem at one noise: basis of the base and its ln |X' C^-1 X|, the response and its rest beside the base.
 
-    Of the isothermal records the square sum, and of all records ln |C|, with ln |X' C^-1 X| of the isothermal ones, and
-    the degrees of freedom beside base and isothermal trends.
+    Of the isothermal records the bases, what these leave and its square sum. Of all records ln |C|, with ln |X' C^-1 X|
+    of the isothermal ones, and the degrees of freedom beside base and isothermal trends.
     """
 
     basis: FloatArray
     volume: float
     white: FloatArray
     residual: FloatArray
+    trends: tuple[FloatArray, ...]
+    quiet: tuple[FloatArray, ...]
     still: float
     log_det: float
     freedom: int
@@ -128,10 +130,25 @@ class Refiner:
         white = np.split(self.lattice.way(point).apply(np.column_stack(own)), len(own), axis=1)
         found = []
         for mine, columns in zip(own, white, strict=True):
+            if candidate.still is not None:
+                found.append(self._alike(mine, candidate.still, at, point))
+                continue
             rest, volume, kept = self._left(candidate, columns, at)
             volume += (at if candidate.kind == "term" else self._flat).volume - self._flat_volume(candidate, mine, kept)
             found.append(Seen(*at.height(rest, volume), rest, volume))
         return found
+
+    def _alike(self, columns: FloatArray, still: FloatArray, at: Whitened, point: Point) -> Seen:
+        """The same of a candidate that acts in the unit's isothermal run, too: one size for its columns of both."""
+
+        def both(one: Whitened, ways: Sequence[Whitener]) -> FloatArray:
+            return np.vstack([outside(one.basis, ways[0].apply(columns)), outside(one.trends[0], ways[1].apply(still))])
+
+        response = np.concatenate([at.residual, at.quiet[0]])
+        rest, volume = beside(both(at, self.lattice.at([point])[0]), response)
+        volume += at.volume - beside(both(self._flat, self.lattice.white()), response)[1]
+        others = at._replace(still=at.still - float(at.quiet[0] @ at.quiet[0]))
+        return Seen(*others.height(rest, volume), rest, volume)
 
     def _flat_volume(self, candidate: Candidate, own: FloatArray, kept: BoolArray) -> float:
         """Volume ln |X' X| of own columns beside the base under white noise, kept for further points."""
@@ -166,13 +183,17 @@ class Refiner:
     def _whitened(self, ways: Sequence[Whitener]) -> Whitened:
         base = ways[0].apply(np.column_stack([self.problem.base, self.problem.y]))
         basis, volume = spanned(base[:, :-1], np.linalg.norm(self.problem.base, axis=0))
-        still, freedom, log_det = 0.0, self.problem.rows - basis.shape[1], sum(each.log_det for each in ways)
+        freedom, log_det = self.problem.rows - basis.shape[1], sum(each.log_det for each in ways)
+        trends, quiet = [], []
         for record, other in zip(self.problem.statics, ways[1:], strict=True):
             both = other.apply(np.column_stack([record.X, record.y]))
             trend, more = spanned(both[:, :-1], np.linalg.norm(record.X, axis=0))
-            still += float(np.sum(outside(trend, both[:, -1]) ** 2))
+            trends.append(trend)
+            quiet.append(outside(trend, both[:, -1]))
             log_det, freedom = log_det + more, freedom - trend.shape[1]
-        return Whitened(basis, volume, base[:, -1], outside(basis, base[:, -1]), still, log_det, freedom)
+        still = sum(float(each @ each) for each in quiet)
+        left = outside(basis, base[:, -1])
+        return Whitened(basis, volume, base[:, -1], left, tuple(trends), tuple(quiet), still, log_det, freedom)
 
     def refine(
         self, candidate: Candidate, grid: Sequence[Start], base: Point, closely: bool = True

@@ -6,7 +6,7 @@ base once; what remains for each response (the run, or simulated nulls) are inne
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -68,6 +68,7 @@ class Library:
         self.widths = np.ones(len(self.entries), dtype=np.int64)
         self._shares = np.ones(len(self.entries))  # of the variance of single columns outside the base
         self._stacks: list[tuple[IntArray, str, int, FloatArray]] = []
+        self._still: dict[int, FloatArray] = {}  # columns of entries that act in the unit's isothermal run, too
         alike: dict[tuple[str, int], list[tuple[IntArray, FloatArray]]] = {}
         basis, end = orthonormal(problem.base), 0
         for candidate, grid in zip(candidates, grids, strict=True):
@@ -76,6 +77,8 @@ class Library:
             which = np.arange(end, end + len(grid))
             end += len(grid)
             self.widths[which] = width
+            if candidate.still is not None:
+                self._still[int(which[0])] = candidate.still / np.linalg.norm(outside(basis, columns[:, 0]))
             own = alike.setdefault((use, width), [])
             own.append((which, columns.reshape(len(columns), -1)))
             if (use, width) == _SINGLES and sum(len(each) for each, _ in own) >= _COLUMNS:
@@ -130,7 +133,8 @@ class Library:
         values = np.full((len(self.entries), run.shape[1]), np.inf)
         where = np.zeros(len(self.entries), dtype=np.int64)
         excited = np.zeros(len(self.entries))
-        white, white_base = self._run(lattice.white()[0], run[:, :0], excited)[2:]
+        flat, none = lattice.white(), [response[:, :0] for response in statics]
+        white, white_base = self._run(flat[0], run[:, :0], excited, self._alike(flat, none))[2:]
         for number, ways in enumerate(lattice.at(points)):
             log_det, total = sum(way.log_det for way in ways), self.problem.rows
             still = np.zeros(run.shape[1])
@@ -139,7 +143,7 @@ class Library:
                 still += _left(basis, way.apply(response))
                 log_det += volume
                 total -= basis.shape[1]
-            rss0, rss, volumes, (volume, rank) = self._run(ways[0], run, excited)
+            rss0, rss, volumes, (volume, rank) = self._run(ways[0], run, excited, self._alike(ways, statics))
             total -= rank
             base = np.minimum(base, total * np.log((rss0 + still) / total) + log_det + volume)
             further = volumes - white + np.where(self.replaces, white_base[0], volume)
@@ -151,11 +155,25 @@ class Library:
             np.minimum(values, rss, out=values)
         return Scan(self.entries, excited, base, values, where)
 
+    def _alike(self, ways: Sequence[Whitener], statics: Sequence[FloatArray]) -> dict[int, tuple[float, FloatArray]]:
+        """Of the entries that act in the unit's isothermal run, too: square sum of their column there beside the base,
+        and its product with each of the responses `statics` (m,).
+        """
+        if not self._still:
+            return {}
+        record, way = self.problem.statics[0], ways[1]
+        basis = spanned(way.apply(record.X), np.linalg.norm(record.X, axis=0))[0]
+        left = outside(basis, way.apply(statics[0]))
+        own = {entry: outside(basis, way.apply(column[:, 0])) for entry, column in self._still.items()}
+        return {entry: (float(column @ column), column @ left) for entry, column in own.items()}
+
     def _run(
-        self, way: Whitener, run: FloatArray, excited: FloatArray
+        self, way: Whitener, run: FloatArray, excited: FloatArray, alike: Mapping[int, tuple[float, FloatArray]]
     ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, int]]:
         """Residual square sums of the run under one noise: base (m,), entries (entries, m); ln |X' C^-1 X| of the
         entries' columns outside the base (entries,), and that of the base with its rank.
+
+        Entries `alike` explain a part of the isothermal run, too.
         """
         white = way.apply(run)
         q, volume = spanned(way.apply(self.problem.base), np.linalg.norm(self.problem.base, axis=0))
@@ -169,6 +187,9 @@ class Library:
             if (use, width) == _SINGLES:
                 excited[which] = self._shares[which]
                 power, product = _single(columns, *few)
+                for place in np.flatnonzero(np.isin(which, list(alike))).tolist():
+                    more = alike[int(which[place])]
+                    power[place], product[place] = power[place] + more[0], product[place] + more[1]
                 gain = product**2 / np.where(power > 0.0, power, np.inf)[:, None]
                 volumes[which] = np.log(power, where=power > 0.0, out=np.zeros_like(power))
                 rss[which] = np.maximum(rss0 - gain, _ROUNDED * rss0)

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import orthonormal, outside
+from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import Record
 from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.turning import at_rest, scale_columns
@@ -54,6 +55,10 @@ class Still:
         moved = np.nan_to_num(temperature - np.nanmean(temperature))
         trend = np.column_stack([np.ones_like(settling), settling, moved, scale_columns(self.means, self.rows)])
         return Record(time, self.means.bias[self.rows], trend, np.maximum(np.median(count) / count, 1.0))
+
+    def columns(self, effect: Effect) -> FloatArray:
+        """What an effect without parameters adds (n_s, k) in the rows of `record`."""
+        return effect.columns(self.means, {})[self.rows]
 
     def beside(self, terms: Iterable[FloatArray]) -> Record:
         """The record beside the terms of a model (n, of all means), each of a size of its own; small ones are noise."""

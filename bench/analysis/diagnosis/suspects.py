@@ -114,8 +114,11 @@ class Layout:
         """The effect with its scales fixed to the rows, as the model's terms see them."""
         return effect.prepare([r.select(m) for r, m in zip(self.seen, self.rows.masks, strict=True)])
 
-    def candidate(self, effect: Effect, name: str) -> Candidate:
-        """The effect as a candidate; InputError where the rows do not allow it."""
+    def candidate(self, effect: Effect, name: str, alike: bool = False) -> Candidate:
+        """The effect as a candidate; InputError where the rows do not allow it.
+
+        One that is `alike` acts in the isothermal run in the same size.
+        """
         places = [p.unit for p in effect.parameters if p.change_point]
         points = _POINTS_OF_PLACE if "degC" in places else None
         if places and len(effect.parameters) > 1:
@@ -132,6 +135,7 @@ class Layout:
             rarity=effect.rarity,
             shift=moved.shift if moved else None,
             anew=moved.anew if moved else None,
+            still=self.still.columns(self.prepared(effect)) if alike and self.still else None,
         )
 
     def probes(self) -> list[Probe]:
@@ -269,15 +273,19 @@ def _moved(bound: design.Bound, record: Dataset) -> Dataset:
 
 @dataclass(frozen=True, eq=False)
 class Offer:
-    """Effects that may be missing, by the name of their candidate, and why the others cannot be judged."""
+    """Effects that may be missing, by the name of their candidate, and why the others cannot be judged.
+
+    Those of the names `alike` act in the isothermal run in the same size.
+    """
 
     effects: Mapping[str, Effect]
     refused: Mapping[str, str]
+    alike: frozenset[str] = frozenset()
 
     def candidates(self, layout: Layout) -> list[Candidate]:
         """All that the layout's model does not have yet."""
         have = {effect.name for effect in layout.rows.model.effects}
-        return [layout.candidate(e, name) for name, e in self.effects.items() if e.name not in have]
+        return [layout.candidate(e, name, name in self.alike) for name, e in self.effects.items() if e.name not in have]
 
 
 def catalogued(model: Model, records: Sequence[Dataset]) -> tuple[Effect, ...]:
@@ -307,6 +315,7 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
     """
     taken: dict[str, Effect] = {}
     refused: dict[str, str] = {}
+    alike: set[str] = set()
     for effect in wanted:
         reason = _absent(layout, effect)
         if reason:
@@ -314,6 +323,9 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
             continue
         for i, shape in enumerate(effect.suited(layout.rows.records).shapes()):
             taken[effect.name if i == 0 else f"{effect.name} {i + 1}"] = shape
+            if i == 0 and layout.still and shape.by_clock and not shape.parameters and len(shape.amplitudes) == 1:
+                alike.add(name := f"{effect.name} in every run")
+                taken[name] = shape
     needs = {channel for effect in taken.values() for channel in effect.needs}
     masks = tuple(
         mask & np.all([np.isfinite(r.channel(c)) for c in needs], axis=0) if needs else mask
@@ -326,7 +338,7 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
         except InputError as error:
             del taken[name]
             refused.setdefault(effect.name, str(error))
-    return ready, Offer(taken, refused)
+    return ready, Offer(taken, refused, frozenset(alike))
 
 
 def _absent(layout: Layout, effect: Effect) -> str:
