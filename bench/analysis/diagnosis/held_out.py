@@ -64,10 +64,11 @@ def unseen(
             return Unseen(reason=f"model '{rows.model.name}' is not determined by these rows")
         residuals = tuple(_residual(bound, record, solution.beta) for record in rows.records)
         apart = _apart(rows, columns) if len(rows.records) > 1 else solution
-        above = tuple(apart.beta[columns.shape[1] :].tolist())
+        above = tuple(apart.beta[: len(rows.records) - 1].tolist())
         apart_dph = float(np.sqrt(apart.rss / np.sum(rows.weights)))
         if not check:
             scores = _of_blocks(rows, solution, apart)
+            columns, solution = np.hstack([_constants(rows), columns]), apart  # a turn-on bias proves nothing
             for slope in () if slopes is None else slopes.T:
                 more = np.column_stack([slope, columns])
                 if (free := solve(more, rows.y, rows.weights)).condition <= MOST_CONDITION:  # else it is one of them
@@ -130,8 +131,13 @@ def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:
 
 def _apart(rows: FitRows, columns: FloatArray) -> Solution:
     """The fit with a constant for each further run."""
+    return solve(np.hstack([_constants(rows), columns]), rows.y, rows.weights)
+
+
+def _constants(rows: FitRows) -> FloatArray:
+    """A column (n, runs - 1) for each further run, 1 in its rows."""
     run = np.repeat(np.arange(len(rows.masks)), [int(mask.sum()) for mask in rows.masks])
-    return solve(np.column_stack([columns, run[:, None] == np.arange(1, len(rows.masks))]), rows.y, rows.weights)
+    return np.asarray(run[:, None] == np.arange(1, len(rows.masks)), dtype=np.float64)
 
 
 def _of_blocks(rows: FitRows, solution: Solution, apart: Solution) -> tuple[float, float]:
