@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import fields
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -86,8 +87,9 @@ def map_text(name_or_path: str | Path) -> tuple[str, str]:
     return text, str(name_or_path)
 
 
+@lru_cache(maxsize=32)  # a run asks for the same map three times, and to read one takes 20 ms
 def parse_map(text: str, where: str) -> RegisterMap:
-    """The map written in YAML `text`; `where` names it in errors. Raises ConfigError."""
+    """The map written in YAML `text`, not to be changed; `where` names it in errors. Raises ConfigError."""
     try:
         document = yaml12.parse(text, where)
     except yaml12.YamlError as error:

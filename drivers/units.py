@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,7 @@ class Conversion:
         return values * self.factor + self.offset
 
 
+@lru_cache(maxsize=1000)  # every reading of an instrument asks, and pint would parse the same unit again
 def conversion(unit: str, kept: str, what: str) -> Conversion:
     """From `unit` into one of `USUAL`; ConfigError, which names `what`, for an unknown one or one of something else."""
     spelled, unit = unit, _usual(unit)
