@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from datetime import UTC, datetime, timedelta
@@ -36,17 +37,23 @@ segments:
   - {kind: ramp, name: down, to_degc: 26, rate_degc_per_min: 2, arrival_band_degc: 1}
 """
 KILLED = """
-import os, sys
+import os, shutil, sys
 from pathlib import Path
 from tests.support import acquisition
 from bench.acquisition.run.runner import run_job
 from tests.acquisition.test_continuation import PROFILE
-text, until_s, name = PROFILE, float(sys.argv[2]), sys.argv[3]
+out, ends = Path(sys.argv[1]), eval(sys.argv[2])
 def look(station, status):
+    name, until_s = ends[0]
     if status.leg.name.startswith(name) and status.t_s - status.leg_from_s >= until_s:
-        os._exit(9)
-run_job(acquisition.job(Path(sys.argv[1]), text, acquisition.station(**eval(sys.argv[4]))), look)
+        if len(ends) == 1:
+            os._exit(9)
+        shutil.copytree(out, out.with_name(f"{out.name}-{name}-{until_s}"))
+        del ends[0]
+run_job(acquisition.job(out, PROFILE, acquisition.station(**eval(sys.argv[3]))), look)
 """
+"""A bench that is killed at the last of its ends; what a kill at the others would leave is copied."""
+ENDS = [("up", 20), ("up", 60), ("up", 100), ("warm", 50), ("down", 10)]
 TWO = {
     "units": [
         {"serial": "SIM-0001", "bus": "can0", "number": 0, "identity": 1},
@@ -57,12 +64,35 @@ TWO = {
 
 def kill_in(out, leg, after_s, **station):
     """Run folders of a bench that was killed `after_s` [s] into a leg."""
+    _kill(out, [(leg, after_s)], station)
+    return sorted(out.glob("*/*"))
+
+
+def _kill(out, ends, station):
     here = Path(__file__).parents[2]
     environment = {**os.environ, "PYTHONPATH": str(here)}
-    command = [sys.executable, "-c", KILLED, str(out), str(after_s), leg, repr(station)]
+    command = [sys.executable, "-c", KILLED, str(out), repr(ends), repr(station)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 9, done.stderr
-    return sorted(out.glob("*/*"))
+
+
+@pytest.fixture(scope="module")
+def kills(tmp_path_factory):
+    """What a bench that is killed at one of `ENDS` leaves, by this end; one process for all, not to be changed."""
+    out = tmp_path_factory.mktemp("kills") / "out"
+    _kill(out, ENDS, {})
+    return {end: out.with_name(f"out-{end[0]}-{end[1]}") for end in ENDS[:-1]} | {ENDS[-1]: out}
+
+
+@pytest.fixture
+def killed(kills, tmp_path):
+    """The run folder of a bench that was killed at one of `ENDS`."""
+
+    def copied(leg, after_s):
+        (path,) = shutil.copytree(kills[leg, after_s], tmp_path / "killed").glob("*/*")
+        return path
+
+    return copied
 
 
 def go_on(path, settings=None, onlooker=lambda station, status: None):
@@ -74,9 +104,9 @@ def go_on(path, settings=None, onlooker=lambda station, status: None):
 
 
 @pytest.fixture(scope="module")
-def cut_ramp(tmp_path_factory):
+def cut_ramp(kills, tmp_path_factory):
     """A run that was killed in mid-ramp and resumed: its manifest before, and the run."""
-    (path,) = kill_in(tmp_path_factory.mktemp("ramp"), "up", 100)
+    (path,) = shutil.copytree(kills["up", 100], tmp_path_factory.mktemp("ramp") / "out").glob("*/*")
     before = assemble(RunFolder(path))
     result = go_on(path)
     assert result.error is None
@@ -158,8 +188,8 @@ def test_a_finished_run_is_refused(cut_ramp):
 
 
 @pytest.mark.slow
-def test_a_soak_goes_on_for_what_is_left_of_it(tmp_path):
-    (path,) = kill_in(tmp_path, "warm", 50)
+def test_a_soak_goes_on_for_what_is_left_of_it(killed):
+    path = killed("warm", 50)
     run = go_on(path).run
     assert [name for name, _ in segments(run)] == ["up", "warm", f"back to 30 {RESUMED}", f"warm {RESUMED}", "down"]
     cut, rest = run.manifest().segments[1], run.manifest().segments[3]
@@ -167,8 +197,8 @@ def test_a_soak_goes_on_for_what_is_left_of_it(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(tmp_path):
-    (path,) = kill_in(tmp_path, "warm", 50)
+def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(killed):
+    path = killed("warm", 50)
     (path / "journal-2").mkdir()
     (path / "journal-2" / "bench.gtbj").touch()
     run = go_on(path).run
@@ -177,8 +207,8 @@ def test_a_bench_that_was_killed_while_it_opened_a_part_has_left_nothing_there(t
 
 
 @pytest.mark.slow
-def test_a_run_that_is_killed_again_goes_on_again(tmp_path):
-    (path,) = kill_in(tmp_path, "up", 60)
+def test_a_run_that_is_killed_again_goes_on_again(killed):
+    path = killed("up", 60)
 
     def look(station, status):
         if status.leg.name.startswith("warm"):
@@ -214,8 +244,8 @@ def test_another_unit_than_before_is_refused_before_anything_moves(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_command_recovers_goes_on_and_reports(tmp_path):
-    (path,) = kill_in(tmp_path, "down", 10)
+def test_the_command_recovers_goes_on_and_reports(killed):
+    path = killed("down", 10)
     (path / remote.LIVE).write_text(json.dumps(
         {"pid": 1, "port": 1, "start": "", "journals": [], "token": "t"}  # what a killed bench leaves behind
     ))  # fmt: skip
@@ -238,8 +268,8 @@ def test_an_imported_run_has_nothing_to_resume(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_watchdog_at_work_is_not_disturbed(tmp_path):
-    (path,) = kill_in(tmp_path, "up", 20)
+def test_a_watchdog_at_work_is_not_disturbed(killed):
+    path = killed("up", 20)
     said = {"t_s": 21.0, "utc": datetime.now(UTC).isoformat(), "kind": "watchdog", "text": "making the equipment safe"}
     (path / "watchdog.jsonl").write_text(json.dumps(said) + "\n")
     with pytest.raises(InputError, match="the watchdog is still making the equipment safe"):
@@ -291,8 +321,8 @@ def test_the_time_of_two_interruptions_of_a_soak_adds_up_and_a_hold_starts_it_an
 
 
 @pytest.mark.slow
-def test_real_time_goes_on_and_a_calendar_clock_that_runs_behind_is_told(tmp_path):
-    (path,) = kill_in(tmp_path, "up", 20)
+def test_real_time_goes_on_and_a_calendar_clock_that_runs_behind_is_told(killed):
+    path = killed("up", 20)
     continuation = plan(RunFolder(path), profile_from_text(PROFILE), acquisition.station())
     later = continuation.zero + timedelta(hours=2)
     assert continuation.start_s(False, later) == pytest.approx(7200)
