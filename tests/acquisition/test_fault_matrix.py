@@ -46,9 +46,9 @@ from tests.support.fault_matrix import BUS, MATRIX, PAGE, Case, markdown
 PROFILE = """\
 name: matrix
 segments:
-  - {kind: ramp, to_degc: 24, rate_degc_per_min: 2, arrival_band_degc: 0.5}
-  - {kind: ramp, to_degc: 25, rate_degc_per_min: 2, arrival_band_degc: 0.5}
-  - {kind: soak, duration_min: 0.5}
+  - {kind: ramp, to_degc: 24, rate_degc_per_min: 2, arrival_band_degc: 0.7}
+  - {kind: ramp, to_degc: 25, rate_degc_per_min: 2, arrival_band_degc: 0.8}
+  - {kind: soak, duration_min: 0.2}
 """
 LONG = "name: matrix\nsegments:\n  - {kind: ramp, to_degc: 60, rate_degc_per_min: 2}\n"
 FOUR = acquisition.STATION.parent / "four_units.yaml"
