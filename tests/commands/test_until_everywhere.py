@@ -13,7 +13,7 @@ from bench.commands.calibration.steps import STEPS
 from bench.commands.ending_early import EndingEarly, followed, lot_of
 from bench.record import LotRecord, Manifest, RunFolder, UntilRecord, load
 from tests.support.bench_project import BRIEF_PLAN
-from tests.support.commands import bench
+from tests.support.commands import bench, undiagnosed
 from tests.support.run_folders import make_run
 
 SWEEP = """
@@ -53,7 +53,8 @@ def project(tmp_path_factory):
     texts |= {"plans/brief.yaml": PLAN, "limits/brief.yaml": LIMITS}
     for name, text in texts.items():
         (root / "profiles" / name).write_text(text)
-    said = invoked("run", root / "profiles" / "whole.yaml", "--model", "polynomial", "--out", root / "first")
+    with undiagnosed():
+        said = invoked("run", root / "profiles" / "whole.yaml", "--model", "polynomial", "--out", root / "first")
     first = load(json.loads(said.stdout)["run"], 1.0)
     runs = [made(root / "lot", f"L-{seed:02d}", first, seed) for seed in range(12)]
     lot = ["lot", "calibrate", "LOT", *map(str, runs), "--model", str(root / "profiles" / "line.yaml")]
@@ -77,6 +78,8 @@ def made(root, name, like, seed):
 @pytest.fixture(autouse=True)
 def looked_at_every_two_minutes(monkeypatch):
     monkeypatch.setattr("bench.commands.ending_early.LOOK_S", 120.0)
+    with undiagnosed():
+        yield
 
 
 def decisions(run):
