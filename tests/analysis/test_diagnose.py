@@ -173,6 +173,18 @@ def test_ageing_is_found_though_the_isothermal_run_ages_too(seed):
     assert line.std < 0.02, "of a walk that the isothermal run does not have"
 
 
+def test_what_lies_beyond_the_end_of_a_parameter_of_the_model_is_missing():
+    """The model lets the rate be late, and the temperature is. The answer was that nothing is missing: the slope along
+    the delay, which ended on its bound, took the misfit in.
+    """
+    late = HiddenUnit(({"mechanism": "thermal_lag", "tau_s": 60.0},)).at_strength(1.5, "short")
+    model = SPLINE.adding(effects.make("clock_delay", {"late": "temperature"}))
+    run, check = late.run("short", seed=1), late.run("minor_loops", seed=2)
+    answer = diagnose([run], model, check=[check], candidates=FEW)
+    assert answer.found[0].effect == "thermal_lag"
+    assert any(note.startswith("clock_delay.delay_s of the model is on its bound, 3") for note in answer.notes)
+
+
 def test_spikes_in_a_check_run_speak_against_no_effect(still):
     """Three of a thousand means; the answer was that no effect of the catalogue explains the error."""
     unit = HiddenUnit((LAG,)).at_strength(1.5, "short")

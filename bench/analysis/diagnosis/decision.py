@@ -12,8 +12,14 @@ from bench.analysis.diagnosis.answer import Diagnosis, SuspectedEffect, VerdictW
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.verdict import Explanation
-from bench.analysis.thresholds import ADEQUATE_RATIO, EXPLAINED_RATIO, NEAREST_RATIO
-from bench.base import FloatArray
+from bench.analysis.thresholds import (
+    ADEQUATE_RATIO,
+    EXPLAINED_RATIO,
+    NEAREST_RATIO,
+    PREFERRED_DEVIATIONS,
+    PREFERRED_FALL,
+)
+from bench.base import FloatArray, number
 
 ON_UNSEEN = "the error on unseen data is"
 """Begins the reason that unseen data show more than the noise."""
@@ -51,13 +57,22 @@ def decide(
             return Decision("undecided", None, DRIFTS)
         return Decision("unknown_effect", False if found and some is not None else None)
     if not found:
-        return _nothing(ratio, base.apart_dph / floor_dph, slow, isnan(floor_dph))
+        return _nothing(ratio, base.apart_dph / floor_dph, slow or _borne_elsewhere(suspects), isnan(floor_dph))
     if some:
         if _leaves_more(improved.left.rms_dph, floor_dph, improved.residuals):
             nearest = next(suspect.effect for suspect in found if suspect.proved)
             return Decision("unknown_effect", False, nearest=nearest)
         return Decision("missing_effect", True)
     return Decision("undecided", some)
+
+
+def _borne_elsewhere(suspects: Sequence[SuspectedEffect]) -> str:
+    """That the check run's error falls by much with an effect of which the run itself shows nothing."""
+    for one in suspects:
+        if one.proof.by == "check" and one.proof.falls_by(PREFERRED_FALL, PREFERRED_DEVIATIONS):
+            change = f"from {number(one.proof.before_dph)} to {number(one.proof.after_dph)} deg/h"
+            return f"{one.effect}, which this run does not show, lowers the error on the check run {change}"
+    return ""
 
 
 def _nothing(ratio: float, apart: float, slow: str, no_floor: bool) -> Decision:

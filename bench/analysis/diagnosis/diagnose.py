@@ -20,7 +20,7 @@ from bench.analysis.diagnosis.held_out import Unseen, unseen, without_spikes
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
-from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, slow_floor, switching
+from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, on_bounds, slow_floor, switching
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
@@ -214,6 +214,7 @@ class _Case:
                 *floor_note,
                 *constants(base, self.fit.rms_dph, runs),
                 *switching(runs),
+                *on_bounds(self.fit),
                 *of_check(base, improved, self.fit.rms_dph),
                 *(slow_floor(self.layout.problem, floor_dph) if decision.word == "adequate" else ()),
             ),

@@ -9,6 +9,7 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.fit.fitting import Fit
 from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import listed, number
 from bench.record import Dataset
@@ -31,6 +32,12 @@ def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[st
     above = [f"{run.name} {mean:+.3g}" for run, mean in zip(runs[1:], base.above_dph, strict=True)]
     text = f"the fitted runs differ by constants, such as their turn-on biases, from {runs[0].name}"
     return (f"{text}: {listed(above)} deg/h",)
+
+
+def on_bounds(fit: Fit) -> tuple[str, ...]:
+    """A note for each parameter of the model that lies on an end of its range."""
+    why = "not determined, or the effect has a wrong option"
+    return tuple(f"{key} of the model is on its bound, {number(fit.theta[key])}: {why}" for key in fit.on_bound)
 
 
 def switching(runs: Sequence[Dataset]) -> tuple[str, ...]:

@@ -248,9 +248,13 @@ class Layout:
 
     @property
     def slopes(self) -> FloatArray:
-        """Slopes (n, m) of the fitted curve along those of the model's parameters that move it."""
+        """Slopes (n, m) of the fitted curve along those of the model's parameters that move it.
+
+        One on an end of its range is not free: its slope would take in what lies beyond that end.
+        """
         slopes, known = self._slopes
-        return slopes[:, known]
+        pairs = zip(self.rows.parameters, self.theta.tolist(), strict=True)
+        return slopes[:, known & np.array([not p.on_bound(value) for p, value in pairs], dtype=bool)]
 
     @cached_property
     def _slopes(self) -> tuple[FloatArray, BoolArray]:
