@@ -302,15 +302,22 @@ def same(one, other):
     return one[1] == other[1] and length > 0 and all(one[k][:length] == other[k][:length] for k in (2, 3))
 
 
-def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors):
+def test_the_page_says_that_the_server_does_not_answer_and_finds_the_run_again_after_its_restart(bench, visitors):
     run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
-    page = visitors.come(bench.site.address)
+    page, starting = visitors.come(bench.site.address), visitors.come(bench.site.address)
     page.goto(f"/live/{run}")
+    starting.goto("/start?unit=SIM-0001&station=simulated&plan=short")
+    starting.locator("button.giant:enabled").wait_for()
     before_s = bench.moving(run)["t_s"]
     page.get_by_role("progressbar").wait_for()
-    visitors.may_lose_the_server(page)
+    for window in (page, starting):
+        visitors.may_lose_the_server(window)
     bench.site.end()
-    page.get_by_text("the data shown are old").wait_for()
+    page.get_by_role("button", name="Hold now").click()
+    starting.locator("button.giant").click()
+    for window in (page, starting):
+        window.get_by_text("The server does not answer").wait_for()
+        window.get_by_text("the data shown are old").wait_for()
     page.get_by_role("button", name="Abort …").click()
     page.get_by_role("button", name="Abort the run").click()
     page.get_by_text("Go to the chamber now").wait_for()
@@ -318,7 +325,9 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     size = journal.stat().st_size
     until(lambda: journal.stat().st_size > size + 20_000)  # the run does not care
     bench.site.start()
-    page.get_by_text("the data shown are old").wait_for(state="detached")
+    for window in (page, starting):
+        window.get_by_text("The server does not answer").wait_for(state="detached")
+        window.get_by_text("the data shown are old").wait_for(state="detached")
     now_s = until(lambda: bench.get(f"/live/{run}").get("t_s"))
     page.wait_for_function(CAUGHT_UP, arg=[run, now_s])
 
@@ -334,53 +343,22 @@ def test_the_page_finds_the_run_again_after_the_servers_restart(bench, visitors)
     assert page.get_by_role("button", name="Abort …").is_enabled()
 
 
-def test_that_the_server_does_not_answer_is_not_said_any_more_when_it_answers(bench, visitors):
-    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
-    page, starting = visitors.come(bench.site.address), visitors.come(bench.site.address)
-    page.goto(f"/live/{run}")
-    page.get_by_role("progressbar").wait_for()
-    starting.goto("/start?unit=SIM-0001&station=simulated&plan=short")
-    starting.locator("button.giant:enabled").wait_for()
-    for window in (page, starting):
-        visitors.may_lose_the_server(window)
-    bench.site.end()
-    page.get_by_role("button", name="Hold now").click()
-    starting.locator("button.giant").click()
-    for window in (page, starting):
-        window.get_by_text("The server does not answer").wait_for()
-    bench.site.start()
-    for window in (page, starting):
-        window.get_by_text("The server does not answer").wait_for(state="detached")
-        window.get_by_text("the data shown are old").wait_for(state="detached")
-
-
 TOLD = """(change) => import(document.querySelector('script[type=module]').src).then(({ live }) =>
   live.set((now) => ({ ...now, runs: now.runs.map((run) => ({ ...run, ...change })) })))"""
 """The stream tells this of the live runs."""
 
 
-def test_that_an_abort_may_not_have_arrived_is_not_said_any_more_when_the_run_ends(bench, visitors):
-    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
-    page = visitors.come(bench.site.address)
-    visitors.of(page).forgives = re.compile("ERR_FAILED")
-    page.goto(f"/live/{run}")
-    page.route("**/abort", lambda route: route.abort())
-    page.get_by_role("button", name="Abort …").click()
-    page.get_by_role("button", name="Abort the run").click()
-    page.get_by_text("this run may NOT be aborted").wait_for()
-    page.evaluate(TOLD, {"state": "ending"})
-    page.get_by_text("this run may NOT be aborted").wait_for(state="detached")
-
-
 def test_an_abort_that_a_silent_server_has_not_confirmed_is_not_told_as_done(bench, visitors):
     run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
     page = visitors.come(bench.site.address)
+    page.clock.install()
     page.goto(f"/live/{run}")
     page.get_by_role("button", name="Abort …").click()
     with bench.site.silent():
         page.get_by_role("button", name="Abort the run").click()
         page.get_by_text("The abort is requested").wait_for()
         assert not page.get_by_text("The chamber goes to its safe state").count()
+        page.clock.run_for(SILENT_MS)
         page.get_by_text("this run may NOT be aborted").wait_for()
     page.get_by_role("heading", name="ABORTED").wait_for()
     page.wait_for_function("() => document.title.startsWith('ABORTED · ')")  # for who has the tab in the background
@@ -390,48 +368,48 @@ RETRIED_MS, SILENT_MS = 2000, 12_000
 TRIES = SILENT_MS // RETRIED_MS + 1
 
 
-def test_after_a_long_time_without_a_server_both_tabs_stay_connected_again(project, tmp_path, visitors):
-    with site_over(tmp_path, project=project) as site:
-        tabs = [visitors.come(site.address) for _ in range(2)]
-        for tab in tabs:
-            visitors.may_lose_the_server(tab)
-            tab.clock.install()
-            tab.goto("/units")
-            tab.get_by_role("heading", name="Units").wait_for()
+def test_after_a_long_time_without_a_server_both_tabs_stay_connected_again(bench, visitors):
+    site = bench.site
+    tabs = [visitors.come(site.address) for _ in range(2)]
+    for tab in tabs:
+        visitors.may_lose_the_server(tab)
+        tab.clock.install()
+        tab.goto("/units")
+        tab.get_by_role("heading", name="Units").wait_for()
+    site.end()
+    for tab in tabs:
+        tab.get_by_text("the data shown are old").wait_for()
+        for _ in range(TRIES):
+            with tab.expect_event("requestfailed"):
+                tab.clock.run_for(RETRIED_MS)
+    site.start()
+    for tab in tabs:
+        tab.clock.run_for(RETRIED_MS)
+        tab.get_by_text("the data shown are old").wait_for(state="detached")
+        asked = []
+        tab.on("request", lambda request, asked=asked: asked.append(request.url))
+        tab.clock.run_for(SILENT_MS / 2)  # the tries of before are over: none of them ends this connection
+        assert asked == []
+
+
+def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(bench, visitors):
+    site = bench.site
+    page = visitors.come(site.address)
+    page.goto("/units")
+    page.get_by_role("heading", name="Units").wait_for()
+    page.get_by_role("link", name="Start", exact=True).click()
+    page.locator("#serial").wait_for()
+    visitors.may_lose_the_server(page)
+    for name in ("Units", "Fleet"):  # of the one only the data are missing, of the other the page itself
         site.end()
-        for tab in tabs:
-            tab.get_by_text("the data shown are old").wait_for()
-            for _ in range(TRIES):
-                with tab.expect_event("requestfailed"):
-                    tab.clock.run_for(RETRIED_MS)
+        page.get_by_role("link", name=name, exact=True).click()
+        again = page.get_by_role("button", name="Try again")
+        again.wait_for()
+        again.click()
+        again.wait_for()  # the page stays, with its button
         site.start()
-        for tab in tabs:
-            tab.clock.run_for(RETRIED_MS)
-            tab.get_by_text("the data shown are old").wait_for(state="detached")
-            asked = []
-            tab.on("request", lambda request, asked=asked: asked.append(request.url))
-            tab.clock.run_for(SILENT_MS / 2)  # the tries of before are over: none of them ends this connection
-            assert asked == []
-
-
-def test_a_page_that_was_asked_for_without_a_server_comes_when_it_answers_again(project, tmp_path, visitors):
-    with site_over(tmp_path, project=project) as site:
-        page = visitors.come(site.address)
-        page.goto("/units")
-        page.get_by_role("heading", name="Units").wait_for()
-        page.get_by_role("link", name="Start", exact=True).click()
-        page.locator("#serial").wait_for()
-        visitors.may_lose_the_server(page)
-        for name in ("Units", "Fleet"):  # of the one only the data are missing, of the other the page itself
-            site.end()
-            page.get_by_role("link", name=name, exact=True).click()
-            again = page.get_by_role("button", name="Try again")
-            again.wait_for()
-            again.click()
-            again.wait_for()  # the page stays, with its button
-            site.start()
-            again.wait_for(state="detached")
-            page.get_by_role("heading", name=name, exact=True).wait_for()
+        again.wait_for(state="detached")
+        page.get_by_role("heading", name=name, exact=True).wait_for()
 
 
 SMALL = {"width": 1366, "height": 768}
@@ -447,11 +425,24 @@ def plotted_px(page):
     return charts.locator(".u-over").evaluate_all("(all) => all.map((one) => one.clientHeight)")
 
 
-def test_nothing_is_under_the_actions_of_a_small_screen(bench, visitors):
+def test_nothing_is_under_the_actions_of_a_small_screen_and_an_abort_that_did_not_arrive_is_told(bench, visitors):
     run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
     page = visitors.come(bench.site.address, size=SMALL)
     page.goto(f"/live/{run}")
     page.get_by_role("progressbar").wait_for()
+    seen_above_the_actions(page, bench, run)
+    page.set_viewport_size(DESKTOP)
+    visitors.of(page).forgives = re.compile("ERR_FAILED")
+    page.route("**/abort", lambda route: route.abort())
+    page.get_by_role("button", name="Abort …").click()
+    page.get_by_role("button", name="Abort the run").click()
+    page.get_by_text("this run may NOT be aborted").wait_for()
+    page.evaluate(TOLD, {"state": "ending"})
+    page.get_by_text("this run may NOT be aborted").wait_for(state="detached")
+
+
+def seen_above_the_actions(page, bench, run):
+    """Everything of the live page has its place on small screens."""
     picture(page, "live-small")
     widths = page.locator(".segment-bar i").evaluate_all(
         "(cells) => cells.map((cell) => cell.getBoundingClientRect().width)"
