@@ -5,6 +5,7 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
+import httpx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,6 +20,7 @@ from bench.web.people import people
 from tests.acquisition.test_control import STATION, status
 from tests.support.live_desk import live
 from tests.support.page_modules import told
+from tests.support.servers import site_over
 from tests.support.web_client import served
 
 
@@ -112,6 +114,14 @@ def test_who_comes_back_gets_the_ends_that_were_missed_and_the_present():
         assert (name, data) == ("live", {"turn": 2})
 
     play(scene)
+
+
+def test_the_stream_ends_with_the_server_and_nothing_of_it_is_cut_off(tmp_path):
+    with site_over(tmp_path) as site, httpx.stream("GET", f"{site.address}/api/v1/live/stream", timeout=60) as answer:
+        lines = answer.iter_lines()
+        assert next(lines).startswith("retry: ")
+        site.end()
+        assert not [line for line in lines if line.startswith("retry: ")]  # its end, and no error that it is incomplete
 
 
 def test_a_picture_that_does_not_change_is_told_seldom(desk, folder, watcher):

@@ -49,6 +49,7 @@ class Stream:
         self._browsers: set[_Browser] = set()
         self._ends: deque[Numbered] = deque(maxlen=KEPT_ENDS)
         self._last: Numbered | None = None
+        self._closed = False
 
     @property
     def listeners(self) -> int:
@@ -75,6 +76,12 @@ class Stream:
             browser.ends.append(end)
             browser.news.set()
 
+    def close(self) -> None:
+        """End it for all browsers, also for those that come later."""
+        self._closed = True
+        for browser in self._browsers:
+            browser.news.set()
+
     def _written(self, event: str, content: Mapping[str, Any]) -> Numbered:
         self._sequence += 1
         data = json.dumps(content, allow_nan=False, separators=(",", ":"))
@@ -85,7 +92,7 @@ class Stream:
     ) -> AsyncIterator[bytes]:
         """Events from now on, and the ends after `since`, the number of the last event that the browser received.
 
-        Stops after `most` events (0: never), and when `welcome`, asked before every event, returns False.
+        Stops after `most` events (0: never), when `welcome`, asked before every event, returns False, and at `close`.
         """
         browser, sent = _Browser(), 0
         if self._last is not None:
@@ -97,10 +104,10 @@ class Stream:
         self._browsers.add(browser)
         try:
             yield f"retry: {RETRY_MS}\n\n".encode()
-            while True:
+            while not self._closed:
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(browser.news.wait(), BEAT_S)
-                if not welcome():
+                if self._closed or not welcome():
                     return
                 events = browser.take()
                 for _, event in events:

@@ -31,7 +31,7 @@ from bench.web.server.gate import is_loopback
 from bench.web.server.pages import require_page
 
 GOODBYE_S = 2
-"""Time that streams of events have to end after a signal [s]."""
+"""Time that answers have to end after a signal [s]."""
 _LOOK_TICKS = 10
 """uvicorn ticks ten times a second; connections are looked at once."""
 _NEEDS_TOKENS = (
@@ -117,6 +117,12 @@ class _Server(GuardedServer):
     async def on_tick(self, counter: int) -> bool:
         """Whether the server ends."""
         return await super().on_tick(counter) or failure(self._app) is not None
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the stream of events, which would not end by itself; then as any server."""
+        if stream := getattr(self._app.state, "stream", None):
+            stream.close()
+        await super().shutdown(sockets)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Print the address; open it in the browser."""
