@@ -18,13 +18,12 @@ OPEN = "() => document.querySelectorAll('details').forEach((one) => (one.open = 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory, project):
-    """A unit with a disturbance that no effect explains, and a station of which a run goes on."""
+    """A unit with a disturbance that no effect explains."""
     out = tmp_path_factory.mktemp("said")
     made = ramp_run(loop_dph=0.0)
     made["columns"]["rate"] = made["columns"]["rate"] + 0.4 * np.sin(2 * np.pi * made["columns"]["time"] / 1100.0)
     make_run(out / RUN, unit="GX-1", **made)
     with bench_over(out, project) as bench:
-        bench.run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
         yield bench
 
 
@@ -108,7 +107,7 @@ def test_an_import_of_an_unclear_table_and_of_none(page, tmp_path):
 
 
 def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
-    run = bench.run
+    run = bench.start(plan=LONG, station="unhurried", units=[SLOW_UNIT])
     bench.moving(run)
     half = visitors.come(bench.site.address, locale="uk", size={"width": 683, "height": 1000})
     half.goto(f"/live/{run}")
@@ -130,6 +129,10 @@ def test_a_live_run_that_is_held_and_its_abort(bench, visitors):
         assert tops[0] == pytest.approx(tops[1]), "the guards, which are long, stand beside the others"
         picture(page, f"languages-live-{pages.index(page)}", full_page=True)
         assert english(page) == []
+        page.goto(f"/start?unit={SLOW_UNIT}&station=unhurried&plan=ramp_-40_85")
+        page.locator(".checked").wait_for()
+        page.evaluate(OPEN)
+        assert english(page) == [], "also while the station is in use"
     bench.end_runs()
     for page in pages:
         page.goto(f"/verdict/{run}")
