@@ -173,6 +173,25 @@ def test_ageing_is_found_though_the_isothermal_run_ages_too(seed):
     assert line.std < 0.02, "of a walk that the isothermal run does not have"
 
 
+def test_what_follows_a_pause_does_not_spoil_an_effect_with_a_memory():
+    """An hour is missing in the middle of a ramp. The answer was a lag of 465 s that cools within 170 s, and a formula
+    of -1e10 deg/h beside it.
+    """
+    whole = _followed(1, 400.0, 400.0)
+    kept = np.flatnonzero((whole.time < 4700.0) | (whole.time > 9000.0))
+    paused = whole.select(np.isin(np.arange(len(whole)), kept))
+    check = _followed(2, 400.0, 400.0)
+    model = Model("spline", (effects.make("spline", {"intervals": 24}),))
+    for runs, checks in (([paused], [check]), ([check], [paused])):
+        answer = diagnose(runs, model, check=checks, candidates=FEW)
+        (lag,) = answer.found
+        assert (lag.effect, lag.options) == ("thermal_lag", {})
+        assert lag.parameters["tau_s"].value == pytest.approx(400.0, abs=30.0)  # a row holds one temperature
+        assert lag.held_out_rms_dph < 0.13
+        assert not answer.formulas
+    assert not any("no data for" in note for note in answer.notes)
+
+
 def test_what_lies_beyond_the_end_of_a_parameter_of_the_model_is_missing():
     """The model lets the rate be late, and the temperature is. The answer was that nothing is missing: the slope along
     the delay, which ended on its bound, took the misfit in.

@@ -16,11 +16,12 @@ from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
 from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
-from bench.analysis.diagnosis.held_out import Unseen, unseen, without_spikes
+from bench.analysis.diagnosis.held_out import Unseen, unseen, without_pauses, without_spikes
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
-from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, on_bounds, slow_floor, switching
+from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, of_runs, slow_floor
+from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.ranking import Ranking
 from bench.analysis.diagnosis.sentences import sentence
@@ -94,6 +95,7 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
         case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
         if surface:
             channels_of(case.layout, surface)
+        check = [without_pauses(run) for run in check]
         unspiked = tuple(without_spikes(case.fit, run) for run in check)
         lost = sum(
             int(np.isnan(new.bias).sum() - np.isnan(run.bias).sum()) for new, run in zip(unspiked, check, strict=True)
@@ -134,12 +136,12 @@ class _Case:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
         fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
-        kept = [despike(r) for r in fit.residuals]
+        kept = [despike(r) & ~after_pauses(run) for r, run in zip(fit.residuals, runs, strict=True)]
         count, interval_s = sum(int(np.isfinite(r).sum()) for r in fit.residuals), runs[0].interval_s
         if count < LEAST_DIAGNOSED_ROWS:
             text = f"{count} means over {interval_s:g} s are too few to diagnose"
             raise InputError(f"{text}, at least {LEAST_DIAGNOSED_ROWS} are needed: record more")
-        spikes = sum(int((np.isfinite(r) & ~k).sum()) for r, k in zip(fit.residuals, kept, strict=True))
+        spikes = sum(int((np.isfinite(r) & ~despike(r)).sum()) for r in fit.residuals)
         if spikes:
             notes.append(f"rows with spikes, left out: {spikes}")
         if static is None:
@@ -213,8 +215,7 @@ class _Case:
                 *self.notes,
                 *floor_note,
                 *constants(base, self.fit.rms_dph, runs),
-                *switching(runs),
-                *on_bounds(self.fit),
+                *of_runs(runs, self.fit),
                 *of_check(base, improved, self.fit.rms_dph),
                 *(slow_floor(self.layout.problem, floor_dph) if decision.word == "adequate" else ()),
             ),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from bench.analysis.diagnosis.evidence import Suspect
+from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, within
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
@@ -17,7 +18,7 @@ from bench.analysis.fit.solve import Solution, left_out, solve
 from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
-from bench.base import FloatArray, InputError
+from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 
@@ -118,10 +119,16 @@ def without_spikes(fit: Fit, check: Dataset) -> Dataset:
         left = _residual(fit.bound, check, fit.beta)
     except InputError:  # which every score of this run will tell
         return check
-    spikes = np.isfinite(left) & ~despike(left)
-    if not spikes.any():
-        return check
-    return replace(check, channels={**check.channels, "rate": np.where(spikes, np.nan, check.channels["rate"])})
+    return _without(check, np.isfinite(left) & ~despike(left))
+
+
+def without_pauses(check: Dataset) -> Dataset:
+    """A check run without the rows after its pauses, as the fitted runs."""
+    return _without(check, after_pauses(check))
+
+
+def _without(check: Dataset, rows: BoolArray) -> Dataset:
+    return check.with_channel("rate", np.where(rows, np.nan, check.channel("rate"))) if rows.any() else check
 
 
 def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.held_out import Unseen
+from bench.analysis.diagnosis.pieces import PAUSE_S
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import listed, number
@@ -34,13 +35,30 @@ def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[st
     return (f"{text}: {listed(above)} deg/h",)
 
 
-def on_bounds(fit: Fit) -> tuple[str, ...]:
+def of_runs(runs: Sequence[Dataset], fit: Fit) -> tuple[str, ...]:
+    """Notes of what the runs cannot tell: across a pause, where a compressor switches, of the model's parameters."""
+    return (*_pauses(runs), *_switching(runs), *_on_bounds(fit))
+
+
+def _on_bounds(fit: Fit) -> tuple[str, ...]:
     """A note for each parameter of the model that lies on an end of its range."""
     why = "not determined, or the effect has a wrong option"
     return tuple(f"{key} of the model is on its bound, {number(fit.theta[key])}: {why}" for key in fit.on_bound)
 
 
-def switching(runs: Sequence[Dataset]) -> tuple[str, ...]:
+def _pauses(runs: Sequence[Dataset]) -> tuple[str, ...]:
+    """The note that a run pauses, for each that does."""
+    longest = [(run.name, float(np.max(np.diff(run.time[np.isfinite(run.bias)]), initial=0.0))) for run in runs]
+    return tuple(
+        f"{name} has no data for {gap_s / 60.0:.0f} min: what has a memory is not known after that, so that up to half "
+        "an hour is left out there; a unit that was switched off has another turn-on bias: import the parts as runs of "
+        "their own"
+        for name, gap_s in longest
+        if gap_s > PAUSE_S
+    )
+
+
+def _switching(runs: Sequence[Dataset]) -> tuple[str, ...]:
     """The note that the compressor of one of the runs switches within their means, where it mostly does."""
     for run in runs:
         on = run.channels.get("compressor", np.zeros(0))

@@ -7,12 +7,15 @@ from math import isfinite
 import numpy as np
 
 from bench.analysis.thresholds import MOST_EXTRAPOLATED, NEAR_RANGE
-from bench.base import FloatArray, IntArray
+from bench.base import BoolArray, FloatArray, IntArray
 from bench.record import Dataset
 
 BLOCKS = 20
 _MOST_BLOCKS = 80
 _LEAST_ROWS = 3
+PAUSE_S = 900.0
+"""Longest gap between means over which a straight line stands for the temperature."""
+_RECOVERS_S = 1800.0
 _SWING = 0.1  # of the range of temperature: what turns back by more ends a leg
 
 
@@ -41,6 +44,19 @@ def _taken_share(pieces: IntArray, degc: FloatArray) -> float:
         if others.size:
             outside += int(np.sum(end < others[0] - NEAR_RANGE * np.ptp(others)))
     return outside / max(degc.size, 1)
+
+
+def after_pauses(record: Dataset) -> BoolArray:
+    """Rows (n,) that follow a pause so closely that the state of what has a memory is not known in them: as long as the
+    pause lasted, and half an hour at most.
+    """
+    known = np.flatnonzero(np.isfinite(record.bias))
+    time = record.time[known]
+    late = np.zeros(len(record), dtype=bool)
+    for begin in (np.flatnonzero(np.diff(time) > PAUSE_S) + 1).tolist():
+        lasts_s = min(float(time[begin] - time[begin - 1]), _RECOVERS_S)
+        late |= (record.time >= time[begin]) & (record.time < time[begin] + lasts_s)
+    return late
 
 
 def legs_of(temperature: FloatArray) -> IntArray:
