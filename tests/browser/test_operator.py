@@ -447,7 +447,8 @@ def seen_above_the_actions(page, bench, run):
     widths = page.locator(".segment-bar i").evaluate_all(
         "(cells) => cells.map((cell) => cell.getBoundingClientRect().width)"
     )
-    lasts = bench.get(f"/live/{run}")["segments_s"]
+    now = until(lambda: bench.in_segment(run))
+    lasts = now["segments_s"]
     longest = lasts.index(max(lasts))
     assert widths[longest] == max(widths)
     assert widths[longest] / widths[1] == pytest.approx(lasts[longest] / lasts[1], rel=0.05)
@@ -460,8 +461,8 @@ def seen_above_the_actions(page, bench, run):
         assert box["y"] + box["height"] <= actions["y"] + 1, "the charts are in sight without scrolling"
     for size in (SMALL, PHONE):
         page.set_viewport_size(size)
-        assert min(plotted_px(page)) >= PLOTTED_PX
-    soak = {**bench.get(f"/live/{run}")["segment"], "anew": True}
+        until(lambda: min(plotted_px(page), default=0) >= PLOTTED_PX)
+    soak = {**now["segment"], "anew": True}
     wide = f"(change) => ({TOLD})(change).then(() => new Promise(requestAnimationFrame)).then(() => {NOTE_PX})"
     assert page.evaluate(wide, {"segment": soak}) > 0.8 * PHONE["width"], "what a hold does is read without squinting"
 

@@ -147,16 +147,21 @@ class Bench:
         start = self.client.post("/starts", json=order).raise_for_status().json()["start"]
         return until(lambda: self.get(f"/starts/{start}")["runs"])[0]
 
+    def in_segment(self, run):
+        """How the run is, in a segment; None before it, and where it does not answer at once, on a busy computer."""
+        answer = self.client.get(f"/live/{run}")
+        if answer.status_code == httpx.codes.CONFLICT:
+            return None
+        now = answer.raise_for_status().json()
+        return now if now.get("segment") else None
+
     def moving(self, run):
         """Wait until the run is in the middle of a ramp."""
 
         def seen():
-            answer = self.client.get(f"/live/{run}")
-            if answer.status_code == httpx.codes.CONFLICT:
-                return None  # a run on a busy computer does not answer at once
-            now = answer.raise_for_status().json()
-            segment = now.get("segment") or {}
-            return segment.get("kind") == "ramp" and now["t_s"] > segment["from_s"] + 30 and now
+            now = self.in_segment(run)
+            ramp = now and now["segment"]["kind"] == "ramp"
+            return ramp and now["t_s"] > now["segment"]["from_s"] + 30 and now
 
         return until(seen)
 
