@@ -192,6 +192,30 @@ def test_what_follows_a_pause_does_not_spoil_an_effect_with_a_memory():
     assert not any("no data for" in note for note in answer.notes)
 
 
+def _wavy(seed: int, corners: list[tuple[float, float]]) -> Dataset:
+    """A curve that no cubic follows, and dT/dt, over a temperature with these corners [min, degC]."""
+    minutes, degc = np.array(corners).T
+    time = np.arange(15.0, 60.0 * minutes[-1], 30.0)
+    temperature = np.interp(time, 60.0 * minutes, degc)
+    x, steep = (temperature - 25.0) / 60.0, np.gradient(temperature, time / 60.0)
+    bias = 4.0 + 3.0 * x - 2.2 * x**2 + 1.5 * x**3 + 0.25 * np.sin(temperature / 14.0) + 0.12 * steep
+    channels = {"temperature": temperature, "rate": bias + 0.11 * np.random.default_rng(seed).normal(size=len(time))}
+    return Dataset(f"wavy {seed}", time, channels, np.zeros(len(time), dtype=np.int64), (), 30.0)
+
+
+def test_a_curve_that_the_base_does_not_follow_is_a_spline_and_no_kink():
+    """A kink has one coefficient and a spline of 24 intervals many, which it paid for: a kink was called missing."""
+    run = _wavy(1, [(0, 25), (20, 25), (50, 85), (70, 85), (133, -40), (153, -40), (278, 85), (298, 85), (423, -40)])
+    check = _wavy(2, [(0, 25), (20, 25), (50, 70), (97, 0), (114, 50), (141, -30), (171, -30), (231, 30), (341, 80)])
+    wanted = [*FEW, *(effects.make(name) for name in ("temperature_rate", "bias_kink"))]
+    wanted.append(effects.make("spline", {"intervals": 24}))
+    answer = diagnose(
+        [run], Model("cubic", (effects.make("polynomial", {"order": 3}),)), check=[check], candidates=wanted
+    )
+    assert {suspect.effect for suspect in answer.named} == {"spline", "temperature_rate"}
+    assert answer.verdict == "missing_effect"
+
+
 def test_what_lies_beyond_the_end_of_a_parameter_of_the_model_is_missing():
     """The model lets the rate be late, and the temperature is. The answer was that nothing is missing: the slope along
     the delay, which ended on its bound, took the misfit in.

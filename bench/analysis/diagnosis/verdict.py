@@ -184,7 +184,9 @@ class Search:
         alike: tuple[str, ...] = ()
         enough = [one for one in near if one.evidence > bar]
         if others:
-            enough = [*islice((one for one in enough if not self._contradicted(layout, evidence.point, one, bar)), 1)]
+            sound = (one for one in enough if not self._contradicted(layout, evidence.point, one, bar))
+            first = [*islice(sound, 1)]
+            enough = [*first, *(one for one in sound if self.check and one.evidence >= first[0].evidence - TIE)]
         elif dropped and enough:  # of effects of which each contradicts the others the check runs have a say, too
             enough = [enough[int(np.argmax(self._total(layout, evidence.point, enough)))]]
         if not enough:
@@ -196,15 +198,15 @@ class Search:
         return FoundEffect(layout, evidence, best, self.offer.effects[best.name], alike)
 
     def _chosen(self, layout: Layout, evidence: Evidence, enough: Sequence[Suspect], *, alone: bool) -> Suspect:
-        """Of those that have enough evidence the best one; `alone`, and with check runs that can show it, of the rivals
-        that these do not rule out.
+        """Of those that have enough evidence the best one; with check runs that can show it, of the rivals that these
+        do not rule out. Beside others, not `alone`, only what the run does not tell from the best is a rival.
 
         A parameter on its bound says that this is not the effect; one that no data tell from it may be.
         """
         tied = [one for one in enough if one.evidence >= enough[0].evidence - TIE]
         best = next((one for one in tied if not one.on_bound), enough[0])
-        known = told(layout, self.offer, self.check, evidence) if self.check and alone else []
-        rivals = [(one, own) for one, own in known if not one.on_bound]
+        known = told(layout, self.offer, self.check, evidence) if self.check and (alone or len(tied) > 1) else []
+        rivals = [(one, own) for one, own in known if not one.on_bound and (alone or one in tied)]
         if best not in [one for one, _ in rivals]:
             return best
         most = max(own for _, own in rivals)

@@ -39,6 +39,7 @@ from bench.base import FloatArray, InputError
 from bench.record import Dataset
 
 ENDS = ("natural", "parabolic", "periodic", "free")
+_COARSER = (12, 8)
 CANDIDATES = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 
 
@@ -70,6 +71,10 @@ class Spline(StaticEffect):
         if self.intervals != "auto":
             return ()
         return tuple(replace(self, intervals=m) for m in CANDIDATES)
+
+    def shapes(self) -> tuple[Effect, ...]:
+        """The same and coarser ones, which pay for fewer coefficients: one effect for a ranking."""
+        return (self, *(replace(self, intervals=m) for m in _COARSER if self.intervals != "auto" and m < self._m))
 
     def scaled(self, scales: Mapping[str, Scale]) -> Spline:
         """Equal intervals over the range."""
