@@ -124,7 +124,7 @@ class Case:
         return replace(run, channels={**run.channels, "rate": rate})
 
     def quiet(self, profile: str, number: int) -> Dataset:
-        """The unit without its hidden mechanisms, as in an isothermal run."""
+        """The unit without its hidden mechanisms."""
         return self._recorded([], NOISE, profile, number)
 
     def noise(self, profile: str, number: int) -> FloatArray:

@@ -96,7 +96,7 @@ def run_case(case: Case) -> dict[str, Any]:
     """Effects found, and of each value that is shared the error in standard deviations."""
     hidden = tuple(case.hidden.split("+"))
     unit = cases.case(hidden, case.strength, case.number, cases.TWO_RATES, MODEL)
-    found = diagnose([unit.run(cases.TWO_RATES)], MODEL, static=unit.quiet(cases.STATIC, _STILL))
+    found = diagnose([unit.run(cases.TWO_RATES)], MODEL, static=unit.run(cases.STATIC, _STILL))
     values: dict[str, float] = {}
     for entry, factor in unit.parts:
         suspect = next((s for s in found.found if s.effect == HIDDEN[entry["mechanism"]].effect), None)

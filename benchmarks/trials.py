@@ -31,7 +31,7 @@ _CHECK, _AGAIN, _SECOND, _STILL = 1, 2, 3, 4  # numbers of the runs of one unit
 def run(kind: str, hidden: tuple[str, ...], strength: float, seed: int, profile: str) -> dict[str, Any]:
     """All data of one case for the table."""
     case = cases.case(hidden, strength, seed, profile, MODEL)
-    still = case.quiet(cases.STATIC, _STILL)
+    still = case.run(cases.STATIC, _STILL)
     first = case.run(profile)
     if kind == "second":
         return _second(case, first, still)
