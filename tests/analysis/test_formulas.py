@@ -144,7 +144,7 @@ def test_what_the_run_alone_cannot_tell_from_its_noise_is_found_where_the_check_
 
 @pytest.mark.slow
 def test_a_slow_effect_that_the_run_alone_cannot_tell_is_named_where_the_check_run_bears_it():
-    unit = cases.case(("aging",), 1.0, 1, outside.RUN, MODEL)
+    unit = cases.case(("aging",), 0.8, 3, outside.RUN, MODEL)
     run, check, still = unit.run(outside.RUN), unit.run(outside.CHECK), unit.quiet(cases.STATIC, 4)
     assert diagnose([run], MODEL, static=still).found == ()
     answer = diagnose([run], MODEL, check=[check], static=still)

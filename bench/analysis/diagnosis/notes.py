@@ -37,7 +37,7 @@ def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[st
 
 def of_runs(runs: Sequence[Dataset], fit: Fit) -> tuple[str, ...]:
     """Notes of what the runs cannot tell: across a pause, where a compressor switches, of the model's parameters."""
-    return (*_pauses(runs), *_switching(runs), *_on_bounds(fit))
+    return (*_pauses(runs), *switching(runs), *_on_bounds(fit))
 
 
 def _on_bounds(fit: Fit) -> tuple[str, ...]:
@@ -58,7 +58,7 @@ def _pauses(runs: Sequence[Dataset]) -> tuple[str, ...]:
     )
 
 
-def _switching(runs: Sequence[Dataset]) -> tuple[str, ...]:
+def switching(runs: Sequence[Dataset]) -> tuple[str, ...]:
     """The note that the compressor of one of the runs switches within their means, where it mostly does."""
     for run in runs:
         on = run.channels.get("compressor", np.zeros(0))
