@@ -136,12 +136,13 @@ class _Case:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
         fit, finer = _fitted(replace(model, rows="all"), runs)
         notes += finer
-        kept = [despike(r) & ~after_pauses(run) for r, run in zip(fit.residuals, runs, strict=True)]
+        plain = [despike(r) for r in fit.residuals]
+        kept = [own & ~after_pauses(run) for own, run in zip(plain, runs, strict=True)]
         count, interval_s = sum(int(np.isfinite(r).sum()) for r in fit.residuals), runs[0].interval_s
         if count < LEAST_DIAGNOSED_ROWS:
             text = f"{count} means over {interval_s:g} s are too few to diagnose"
             raise InputError(f"{text}, at least {LEAST_DIAGNOSED_ROWS} are needed: record more")
-        spikes = sum(int((np.isfinite(r) & ~despike(r)).sum()) for r in fit.residuals)
+        spikes = sum(int((np.isfinite(r) & ~own).sum()) for r, own in zip(fit.residuals, plain, strict=True))
         if spikes:
             notes.append(f"rows with spikes, left out: {spikes}")
         if static is None:

@@ -211,7 +211,8 @@ def _bars(candidates: Sequence[Candidate], each: FloatArray) -> tuple[float, dic
     """
     reached = np.array([exceeded(own, _SLOW) for own in each])
     slow, own = int(np.argmax(reached)), np.maximum(reached, _USUAL)
-    others = (each - own[:, None] + _USUAL)[[c.effect != candidates[slow].effect or not c.effect for c in candidates]]
+    effects = [c.effect or c.name for c in candidates]
+    others = (each - own[:, None] + _USUAL)[[effect != effects[slow] for effect in effects]]
     threshold = max(_USUAL, exceeded(others.max(axis=0), WRONGLY_NAMED)) if len(others) else _USUAL
     luck = {c.name: float(bar) - _USUAL for c, bar in zip(candidates, own, strict=True)}
     return threshold, luck | {candidates[slow].name: float(own[slow]) - threshold}

@@ -9,7 +9,7 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.held_out import Unseen
-from bench.analysis.diagnosis.pieces import PAUSE_S
+from bench.analysis.diagnosis.pieces import pauses
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import listed, number
@@ -48,13 +48,12 @@ def _on_bounds(fit: Fit) -> tuple[str, ...]:
 
 def _pauses(runs: Sequence[Dataset]) -> tuple[str, ...]:
     """The note that a run pauses, for each that does."""
-    longest = [(run.name, float(np.max(np.diff(run.time[np.isfinite(run.bias)]), initial=0.0))) for run in runs]
+    longest = [(run.name, max(lasted_s for _, lasted_s in found)) for run in runs if (found := pauses(run))]
     return tuple(
         f"{name} has no data for {gap_s / 60.0:.0f} min: what has a memory is not known after that, so that up to half "
         "an hour is left out there; a unit that was switched off has another turn-on bias: import the parts as runs of "
         "their own"
         for name, gap_s in longest
-        if gap_s > PAUSE_S
     )
 
 

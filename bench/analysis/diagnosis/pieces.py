@@ -13,8 +13,7 @@ from bench.record import Dataset
 BLOCKS = 20
 _MOST_BLOCKS = 80
 _LEAST_ROWS = 3
-PAUSE_S = 900.0
-"""Longest gap between means over which a straight line stands for the temperature."""
+_PAUSE_S = 900.0  # longest gap between means over which a straight line stands for the temperature
 _RECOVERS_S = 1800.0
 _SWING = 0.1  # of the range of temperature: what turns back by more ends a leg
 
@@ -46,16 +45,20 @@ def _taken_share(pieces: IntArray, degc: FloatArray) -> float:
     return outside / max(degc.size, 1)
 
 
+def pauses(record: Dataset) -> list[tuple[float, float]]:
+    """Times [s] at which the data of a record begin again after a pause, and how long each pause lasted [s]."""
+    time = record.time[np.isfinite(record.bias)]
+    gaps = np.diff(time)
+    return [(float(time[row + 1]), float(gaps[row])) for row in np.flatnonzero(gaps > _PAUSE_S).tolist()]
+
+
 def after_pauses(record: Dataset) -> BoolArray:
     """Rows (n,) that follow a pause so closely that the state of what has a memory is not known in them: as long as the
     pause lasted, and half an hour at most.
     """
-    known = np.flatnonzero(np.isfinite(record.bias))
-    time = record.time[known]
     late = np.zeros(len(record), dtype=bool)
-    for begin in (np.flatnonzero(np.diff(time) > PAUSE_S) + 1).tolist():
-        lasts_s = min(float(time[begin] - time[begin - 1]), _RECOVERS_S)
-        late |= (record.time >= time[begin]) & (record.time < time[begin] + lasts_s)
+    for begin_s, lasted_s in pauses(record):
+        late |= (record.time >= begin_s) & (record.time < begin_s + min(lasted_s, _RECOVERS_S))
     return late
 
 

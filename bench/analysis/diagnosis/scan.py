@@ -134,16 +134,17 @@ class Library:
         where = np.zeros(len(self.entries), dtype=np.int64)
         excited = np.zeros(len(self.entries))
         flat, none = lattice.white(), [response[:, :0] for response in statics]
-        white, white_base = self._run(flat[0], run[:, :0], excited, self._alike(flat, none))[2:]
+        alike = self._alike(flat, self._quiet(flat, none))
+        white, white_base = self._run(flat[0], run[:, :0], excited, alike)[2:]
         for number, ways in enumerate(lattice.at(points)):
             log_det, total = sum(way.log_det for way in ways), self.problem.rows
             still = np.zeros(run.shape[1])
-            for record, way, response in zip(self.problem.statics, ways[1:], statics, strict=True):
-                basis, volume = spanned(way.apply(record.X), np.linalg.norm(record.X, axis=0))
-                still += _left(basis, way.apply(response))
+            quiet = self._quiet(ways, statics)
+            for basis, volume, left in quiet:
+                still += np.einsum("ij,ij->j", left, left)
                 log_det += volume
                 total -= basis.shape[1]
-            rss0, rss, volumes, (volume, rank) = self._run(ways[0], run, excited, self._alike(ways, statics))
+            rss0, rss, volumes, (volume, rank) = self._run(ways[0], run, excited, self._alike(ways, quiet))
             total -= rank
             base = np.minimum(base, total * np.log((rss0 + still) / total) + log_det + volume)
             further = volumes - white + np.where(self.replaces, white_base[0], volume)
@@ -155,16 +156,28 @@ class Library:
             np.minimum(values, rss, out=values)
         return Scan(self.entries, excited, base, values, where)
 
-    def _alike(self, ways: Sequence[Whitener], statics: Sequence[FloatArray]) -> dict[int, tuple[float, FloatArray]]:
+    def _quiet(
+        self, ways: Sequence[Whitener], statics: Sequence[FloatArray]
+    ) -> list[tuple[FloatArray, float, FloatArray]]:
+        """Of every isothermal record under one noise: basis of its columns and their ln |X' C^-1 X|, and what the basis
+        leaves of the responses (n_s, m).
+        """
+        found = []
+        for record, way, response in zip(self.problem.statics, ways[1:], statics, strict=True):
+            basis, volume = spanned(way.apply(record.X), np.linalg.norm(record.X, axis=0))
+            found.append((basis, volume, outside(basis, way.apply(response))))
+        return found
+
+    def _alike(
+        self, ways: Sequence[Whitener], quiet: Sequence[tuple[FloatArray, float, FloatArray]]
+    ) -> dict[int, tuple[float, FloatArray]]:
         """Of the entries that act in the unit's isothermal run, too: square sum of their column there beside the base,
-        and its product with each of the responses `statics` (m,).
+        and its product with what is left of each response (m,).
         """
         if not self._still:
             return {}
-        record, way = self.problem.statics[0], ways[1]
-        basis = spanned(way.apply(record.X), np.linalg.norm(record.X, axis=0))[0]
-        left = outside(basis, way.apply(statics[0]))
-        own = {entry: outside(basis, way.apply(column[:, 0])) for entry, column in self._still.items()}
+        basis, _, left = quiet[0]
+        own = {entry: outside(basis, ways[1].apply(column[:, 0])) for entry, column in self._still.items()}
         return {entry: (float(column @ column), column @ left) for entry, column in own.items()}
 
     def _run(
@@ -254,9 +267,3 @@ def _single(columns: FloatArray, basis: FloatArray, residual: FloatArray) -> tup
     inside = basis @ columns
     power = np.einsum("ij,ij->j", columns, columns) - np.einsum("ij,ij->j", inside, inside)
     return np.maximum(power, 0.0).astype(np.float64), (columns.T @ residual).astype(np.float64)
-
-
-def _left(basis: FloatArray, response: FloatArray) -> FloatArray:
-    """Square sum (m,) of the responses outside a basis."""
-    residual = outside(basis, response)
-    return np.asarray(np.einsum("ij,ij->j", residual, residual))
