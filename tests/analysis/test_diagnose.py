@@ -10,6 +10,7 @@ import pytest
 
 from bench.acquisition.profile.profile import profile_from_text
 from bench.analysis.diagnosis import describing
+from bench.analysis.diagnosis.answer import Value
 from bench.analysis.diagnosis.compare import compare
 from bench.analysis.diagnosis.decision import decide
 from bench.analysis.diagnosis.describing import Describer
@@ -156,6 +157,37 @@ def test_a_lag_that_differs_between_heating_and_cooling_is_one_effect(seed):
         found = lag.parameters[name]
         assert abs(found.value - truth) < 2.5 * found.std
         assert found.std > 0.05 * truth, "one rate of heating and one of cooling hardly tell them apart"
+
+
+def _glued(seed: int, began_degc: float) -> Dataset:
+    """A day on the chamber of a unit whose glue follows within two hours, and came from another temperature."""
+    run = _followed(seed, 1.0, 1.0)
+    at, missing, temperature = began_degc, np.empty(len(run)), run.channels["temperature"]
+    for row, outer in enumerate(temperature):
+        at += (1.0 - np.exp(-30.0 / 7200.0)) * (outer - at)
+        missing[row] = at - outer
+    return run.with_channel("rate", run.channels["rate"] + 0.02 * missing)
+
+
+def test_glue_that_came_from_the_cold_creeps_and_does_not_age():
+    """It was creep and ageing, both proved; and a creep whose first state is that of the fitted run alone does not
+    predict a run that began otherwise.
+    """
+    run, check = _glued(1, -10.0), _glued(2, 25.0)
+    model = Model("spline", (effects.make("spline", {"intervals": 24}),))
+    answer = diagnose([run], model, check=[check], candidates=[*FEW, effects.make("creep")])
+    (creep,) = answer.named
+    assert (creep.effect, creep.options, answer.verdict) == ("creep", {"initial": "free"}, "missing_effect")
+    low, high = creep.parameters["tau_h"].interval
+    assert low < 2.0 < high
+    assert creep.proof.after_dph < 0.12  # with 0.11 of noise
+    assert abs(creep.parameters["c"].value + 0.02 * 35.0) < 2.5 * creep.parameters["c"].std
+
+
+def test_an_uneven_interval_is_stated_in_the_place_of_a_deviation():
+    """2.7 +- 4.9 h reads as if it might be nothing."""
+    assert Value(2.7, "h", 4.9, (1.4, 20.6)).words == "2.7 [1.4 ... 21] h"
+    assert Value(2.7, "h", 0.5, (1.9, 3.9)).words == "2.70 +- 0.50 h"
 
 
 @pytest.mark.parametrize("seed", [1, 6, 11])

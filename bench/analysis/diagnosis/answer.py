@@ -15,10 +15,13 @@ from bench.analysis.diagnosis.proof import Proof
 from bench.analysis.diagnosis.surface import ResidualSurface
 from bench.analysis.effects.model import Model, shell_text
 from bench.analysis.thresholds import BEYOND_DOUBT
-from bench.base import CHANNELS, FloatArray, finite
+from bench.base import CHANNELS, FloatArray, finite, number, with_uncertainty
 
 VerdictWord = Literal["adequate", "missing_effect", "unknown_effect", "undecided"]
 """`missing_effect`: unseen data prove what is named; `undecided`: suspected without proof, or a slow cause or noise."""
+
+
+_UNEVEN = 2.0  # one side of an interval over the other, from which a standard deviation misleads
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,20 @@ class Value:
     interval: tuple[float, float] | None = None
     at_bound: bool = False
     """The search ended at an end of its range: the data do not determine the value."""
+
+    @property
+    def words(self) -> str:
+        """The value with its standard deviation, or with its 95 % interval where one side is twice the other."""
+        if self.at_bound:
+            return f"{number(self.value)} {self.unit}".rstrip() + " on its bound: not determined"
+        size, deviation = with_uncertainty(self.value, self.std)
+        text = f"{size} +- {deviation} {self.unit}"
+        if self.interval is not None:
+            low, high = self.interval
+            below, above = self.value - low, high - self.value
+            if max(below, above) > _UNEVEN * min(below, above):
+                text = f"{number(self.value, 2)} [{number(low, 2)} ... {number(high, 2)}] {self.unit}"
+        return text.rstrip()
 
     def to_json(self) -> dict[str, Any]:
         """An entry of `parameters`."""

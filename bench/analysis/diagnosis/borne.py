@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.analysis.diagnosis.proof import LeftOut
+from bench.analysis.diagnosis.proof import LeftOut, beside_states
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Record, Surface
 from bench.base import BoolArray, FloatArray
 from bench.record import Dataset
@@ -30,6 +30,7 @@ class Borne:
 
     def gain(self, before: LeftOut, after: LeftOut) -> float:
         """Gain in 2 ln L of what `after` has beside `before`; 0 without check runs that both predict."""
+        before = beside_states(before, after)
         if not self.check or before.residual is None or after.residual is None:
             return 0.0
         known = np.isfinite(before.residual) & np.isfinite(after.residual)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from bench.analysis.diagnosis.evidence import Suspect
 from bench.analysis.diagnosis.pieces import after_pauses
-from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, within
+from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, within, without_states
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
 from bench.analysis.fit.design import Bound, FitRows
@@ -27,7 +27,8 @@ class Unseen:
     """Least squares at given nonlinear parameters, scored.
 
     `rms_dph` is on unseen rows, `shape_dph` the same where each run has a constant of its own (the turn-on bias is not
-    part of the model), at temperatures that were fitted. `residuals` (n,) of each fitted run [deg/h]; with such
+    part of the model), at temperatures that were fitted. What each run has for itself in a model, such as a state in
+    which it began, is fitted to check runs. `residuals` (n,) of each fitted run [deg/h]; with such
     constants their RMS is `apart_dph`, and each further run lies `above_dph` over the first. Of check runs `outside`
     (0 to 1) is at temperatures that were not fitted, and elsewhere they differ by `constant_dph`. `left` is what a
     proof compares. `reason` says why there is nothing.
@@ -76,11 +77,13 @@ def unseen(
                     columns, solution = more, free
             return Unseen(*scores, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
+        states = [bound.columns(record)[:, bound.of_each_run()] for record in check]
     except InputError as error:
         return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
     weights = [record.count("rate") for record in check]
+    left = [without_states(*each) for each in zip(left, states, weights, strict=True)]
     visited = [r[m] for r, m in zip((x.channel("temperature") for x in rows.records), rows.masks, strict=True)]
-    proof = visited_again(np.concatenate(visited), check, left, weights)
+    proof = replace(visited_again(np.concatenate(visited), check, left, weights), states=tuple(states))
     return Unseen(_rms(left, weights), proof.rms_dph, residuals, above, apart_dph, *_of_check(left, proof), left=proof)
 
 

@@ -13,7 +13,7 @@ of Diebold and Mariano, J. Bus. Econ. Stat. 13 (1995) 253, with the difference's
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any
 
@@ -46,6 +46,8 @@ class LeftOut:
     reason: str = ""
     label: IntArray | None = None
     """Group (n,) that each row was left out with; None: check runs."""
+    states: tuple[FloatArray, ...] = ()
+    """Columns (n, k) of each check run whose amplitudes it has for itself: no prediction knows them."""
 
     @property
     def rms_dph(self) -> float:
@@ -133,6 +135,7 @@ _UNSEEN = {"check": "the check run", "legs": "legs left out", "parts of legs": "
 
 def prove(before: LeftOut, after: LeftOut) -> Proof:
     """The proof of what `after` has beside `before`, on the same rows."""
+    before = beside_states(before, after)
     if after.residual is None or before.residual is None or after.weights is None:
         return Proof(reason=after.reason or before.reason)
     known = np.isfinite(before.residual) & np.isfinite(after.residual) & (after.weights > 0.0)
@@ -146,6 +149,27 @@ def prove(before: LeftOut, after: LeftOut) -> Proof:
     chance = 2.0 * float(np.sqrt(_spread(moved, left)))
     first, last = (float(np.sqrt(np.sum((root * r) ** 2) / total)) for r in (r0, r1))
     return Proof(after.by, first, last, fall / chance if chance > 0.0 else 0.0)
+
+
+def beside_states(before: LeftOut, after: LeftOut) -> LeftOut:
+    """What is compared with `after`: the states in which the check runs began are free on both sides."""
+    if before.residual is None or after.weights is None or not any(each.size for each in after.states):
+        return before
+    ends = np.cumsum([len(each) for each in after.states])[:-1]
+    runs = zip(np.split(before.residual, ends), after.states, np.split(after.weights, ends), strict=True)
+    return replace(before, residual=np.concatenate([without_states(*each) for each in runs]))
+
+
+def without_states(residual: FloatArray, states: FloatArray, weights: FloatArray) -> FloatArray:
+    """A residual (n,) without what columns (n, k) take in beside a constant, which stays in it; NaN stays NaN."""
+    if not states.shape[1]:
+        return residual
+    known = np.isfinite(residual)
+    columns = np.column_stack([states, np.ones(len(states))])
+    root = np.sqrt(weights[known])
+    size = np.linalg.lstsq(root[:, None] * columns[known], root * residual[known], rcond=None)[0]
+    left: FloatArray = residual - states @ size[:-1]
+    return left
 
 
 def _spread(moved: FloatArray, left: FloatArray) -> float:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect, Value
+from bench.analysis.diagnosis.answer import Diagnosis, Place, SuspectedEffect
 from bench.analysis.diagnosis.decision import ON_UNSEEN
 from bench.analysis.diagnosis.described import sentence as formula_sentence
 from bench.analysis.thresholds import ADEQUATE_RATIO, NAMED_FALL, NEAREST_RATIO
-from bench.base import capital, ends, listed, number, with_uncertainty
+from bench.base import capital, ends, listed, number
 
 _LACKS = "The model lacks something that no effect of the catalogue explains"
 UNSEEN = "not to be seen here: the model takes it in"
@@ -198,15 +198,8 @@ def _nearest(answer: Diagnosis) -> str:
 
 def _named(suspect: SuspectedEffect) -> str:
     chosen = [f"{name}: {value}" for name, value in suspect.options.items() if isinstance(value, str)]
-    values = [*chosen, *(_measured(name, value) for name, value in suspect.parameters.items())]
+    values = [*chosen, *(f"{name} {value.words}" for name, value in suspect.parameters.items())]
     return f"{suspect.effect} ({', '.join(values)})" if values else suspect.effect
-
-
-def _measured(name: str, value: Value) -> str:
-    size, deviation = with_uncertainty(value.value, value.std)
-    if value.at_bound:
-        return f"{name} {number(value.value)} {value.unit}".rstrip() + " on its bound: not determined"
-    return f"{name} {size} +- {deviation} {value.unit}".rstrip()
 
 
 def _where(place: Place) -> str:

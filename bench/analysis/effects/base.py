@@ -106,6 +106,13 @@ class Effect:
         return ()
 
     @property
+    def of_each_run(self) -> tuple[int, ...]:
+        """Columns whose amplitude each run has for itself, such as a state in which it began: of a run that no fit saw,
+        it is not known.
+        """
+        return ()
+
+    @property
     def moves_abscissa(self) -> bool:
         """Whether the effect replaces the temperature that all terms see, instead of adding terms."""
         return type(self).abscissa is not Effect.abscissa

@@ -43,7 +43,16 @@ class Creep(Effect):
             return missing[:, None]
         return np.column_stack([missing, np.exp(-record.time / tau_s)])
 
+    def shapes(self) -> tuple[Effect, ...]:
+        """Settled when the record begins, and not."""
+        return (Creep("settled"), Creep("free"))
+
     @property
     def amplitudes(self) -> tuple[tuple[str, str], ...]:
         """k, and c of a free initial state."""
         return (("k", "deg/h/degC"), ("c", "deg/h"))[: 1 if self.initial == "settled" else 2]
+
+    @property
+    def of_each_run(self) -> tuple[int, ...]:
+        """The decay of a free initial state."""
+        return () if self.initial == "settled" else (1,)

@@ -36,6 +36,12 @@ class Bound:
         parts = [e.columns(moved, self.theta[k]) for k, e in zip(self.keys, self.effects, strict=True)]
         return np.hstack([np.ones((len(record), 1)), *parts])
 
+    def of_each_run(self) -> IntArray:
+        """Columns whose amplitude each run has for itself."""
+        pairs = zip(self.keys, self.effects, strict=True)
+        own = [self.slices[key].start + index for key, effect in pairs for index in effect.of_each_run]
+        return np.array(own, dtype=np.int64)
+
     def physical(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
         """Keys, units and matrix (p, 1 + k) of all physical coefficients; the constant counted once."""
         size = 1 + sum(own.stop - own.start for own in self.slices.values())

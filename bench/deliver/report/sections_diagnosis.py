@@ -24,7 +24,7 @@ from bench.analysis import (
     ranking_reason,
     rivals,
 )
-from bench.base import CHANNELS, capital, ends, finite, in_print, listed, number, with_uncertainty
+from bench.base import CHANNELS, capital, ends, finite, in_print, listed, number
 from bench.deliver.report import figures_diagnosis
 from bench.deliver.report.described import summary_of
 from bench.deliver.report.markup import Row, Section, commands, figure, glossary, heading, lead, paragraph, table, wide
@@ -156,11 +156,10 @@ def _suspect(suspect: SuspectedEffect) -> Row:
 
 
 def _parameter(name: str, value: Value) -> str:
-    size, deviation = with_uncertainty(value.value, value.std)
     label = re.sub(r"_[^_]+$", "", name) if "_" in name else name
     if value.at_bound:
         return f"{label} = {number(value.value)} {in_print(value.unit)} (on its bound: not determined)"
-    return f"{label} = {size} ± {deviation} {in_print(value.unit)}".rstrip()
+    return f"{label} = {in_print(value.words)}".replace("+-", "±").replace("...", "…")
 
 
 def _chance(chance: float) -> str:

@@ -15,9 +15,18 @@ export const number = (value, digits = 3) =>
       maximumSignificantDigits: digits, minimumSignificantDigits: Number.isInteger(value) ? 1 : digits, useGrouping: Math.abs(value) >= 1e4,
     }).format(value).replace("-", "−");
 
-/** "8.6 ± 1.2 s": as many digits as the uncertainty allows. */
-export function measured({ value, std, unit }) {
+/** Whether a deviation misleads, as one side of the interval is twice as wide as the other. */
+export const uneven = ({ value, interval }) => {
+  const [below, above] = interval ? [value - interval[0], interval[1] - value] : [1, 1];
+  return Math.max(below, above) > 2 * Math.min(below, above);
+};
+
+/** "8.6 ± 1.2 s": as many digits as the uncertainty allows; "2.7 [1.1 … 20] h" where the interval is uneven. */
+export function measured({ value, std, unit, interval, at_bound }) {
   if (value === null || value === undefined) return "–";
+  if (!at_bound && uneven({ value, interval })) {
+    return `${number(value, 2)} [${interval.map((end) => number(end, 2)).join(" … ")}]\u00a0${symbols(unit)}`.trim();
+  }
   if (!std || !Number.isFinite(std)) return `${number(value, 4)}\u00a0${symbols(unit)}`.trim();
   const digits = Math.max(0, 1 - Math.floor(Math.log10(std)));
   const written = digits > 6 ? [sig(value), sig(std, 2)] : [plain(value, digits), plain(std, digits)];

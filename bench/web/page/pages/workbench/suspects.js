@@ -1,5 +1,5 @@
 // Missing effects: the verdict, the suspects in order of evidence, and their actions.
-import { html, or, t, useState, measured, number, Waiting } from "./parts.js";
+import { html, or, t, useState, measured, number, Waiting, uneven } from "./parts.js";
 import { parameterWord, quantity, sentences } from "./sentence.js";
 import { between, effectWord, effectsWord, joined, sign, symbols } from "../../lib/words.js";
 import { Said } from "../../lib/said.js";
@@ -27,7 +27,7 @@ function Parameters({ parameters }) {
   if (!names.length) return null;
   return html`<dl class="wb-parameters">${names.map((name) => html`<div key=${name}>
     <dt title=${name}>${parameterWord(name)}</dt>
-    <dd>${measured(parameters[name])}${parameters[name].interval
+    <dd>${measured(parameters[name])}${parameters[name].interval && (parameters[name].at_bound || !uneven(parameters[name]))
       ? html` <span class="wb-soft">[${parameters[name].interval.map((end) => number(end)).join(" … ")}]</span>` : null}
       ${parameters[name].at_bound ? html` <span class="wb-warn">${t("workbench.suspect.at_bound")}</span>` : null}</dd>
   </div>`)}</dl>`;
