@@ -20,7 +20,7 @@ from bench.analysis.diagnosis.held_out import Unseen, unseen, without_pauses, wi
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
-from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_check, of_runs, slow_floor
+from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_answer, of_check, of_runs, slow_floor
 from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.ranking import Ranking
@@ -232,7 +232,7 @@ class _Case:
         answer = with_formulas(answer, formulas, self._expected(floor_dph), instead=instead)
         left_dph = improved.rms_dph if answer.leading is None else answer.leading.held_out_rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left_dph))
-        answer = replace(answer, notes=notes)
+        answer = replace(answer, notes=(*notes, *of_answer(answer)))
         apart_dph = base.apart_dph if differ(base, self.fit.rms_dph) else np.nan
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why, apart_dph))
 

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.pieces import pauses
+from bench.analysis.effects import registry as effects
+from bench.analysis.effects.base import Effect, options_of
+from bench.analysis.effects.catalogue import catalogue
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import listed, number
@@ -18,6 +22,7 @@ from bench.record import Dataset
 _UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
 _SLOW = 2.0  # times its white part: most of a noise floor is slow
 _SWITCHING = 0.02  # variance within means, of 0.25 at most
+_SETTLES = ("thermal_lag", "thermometer_lag", "creep")  # effects whose state at the start of a run is taken as settled
 _OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
 
 
@@ -38,6 +43,27 @@ def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[st
 def of_runs(runs: Sequence[Dataset], fit: Fit) -> tuple[str, ...]:
     """Notes of what the runs cannot tell: across a pause, where a compressor switches, of the model's parameters."""
     return (*_pauses(runs), *switching(runs), *_on_bounds(fit))
+
+
+def of_answer(answer: Diagnosis) -> tuple[str, ...]:
+    """Notes of what an answer leaves open: options that were not tried, and a start that had not settled."""
+    open_ = answer.verdict in {"unknown_effect", "undecided"}
+    tried = {entry.name for entry in catalogue() if entry.suspect}
+    other = [effect for effect in answer.model.effects if open_ and effect.name in tried and _odd(effect)]
+    notes = [
+        f"the model has {effect.name} with options of its own, others were not tried: diagnose a model without it, too"
+        for effect in other
+    ]
+    memory = next((one.effect for one in answer.found if one.effect in _SETTLES), "")
+    if memory and any(one.effect == "warm_up" for one in answer.found):
+        text = f"a part that had not settled when the run began looks like warm_up beside {memory}"
+        notes.append(f"{text}: let a run begin with a soak")
+    return tuple(notes)
+
+
+def _odd(effect: Effect) -> bool:
+    """Whether it has options that no shape of the catalogue has."""
+    return options_of(effect) not in [options_of(shape) for shape in effects.make(effect.name).shapes()]
 
 
 def _on_bounds(fit: Fit) -> tuple[str, ...]:
