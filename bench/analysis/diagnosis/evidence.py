@@ -13,7 +13,7 @@ taken for less than it is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import NamedTuple, TypeVar
@@ -31,6 +31,7 @@ from bench.base import Aside, FloatArray, shared
 
 _E = TypeVar("_E", float, FloatArray)
 
+_ALL = 1.0 - 1e-9  # of a square sum
 _GROWS = 4.0  # gains in 2 ln L on the grid may grow to this many times themselves when refined
 _DECADE = 16
 _NULL_REACH = 12.0  # of -2 ln L: noise points tried for simulated nulls
@@ -155,6 +156,8 @@ class Evidence:
     luck: Mapping[str, float] = field(default_factory=dict)
     """What is taken off the evidence of candidates beside their parameters, by name: chance favours slow effects among
     slow noise, and without this all others would have to beat what ageing reaches by chance."""
+    couples: Callable[[], list[Couple]] = field(default=list, repr=False)
+    """Any two effects, the best first, as far as a grid tells; computed when it is asked for."""
 
     def each_once(self) -> list[Suspect]:
         """The best shape of each effect that the run excites, best first."""
@@ -167,6 +170,19 @@ class Evidence:
     def chance(self, evidence: float) -> float:
         """Share of simulated nulls whose best candidate reaches this evidence."""
         return float(np.mean(self.nulls >= evidence)) if len(self.nulls) else float("nan")
+
+
+class Couple(NamedTuple):
+    """Two candidates as they are on the grid, and their evidence together there."""
+
+    one: Suspect
+    other: Suspect
+    evidence: float
+
+    @property
+    def effects(self) -> frozenset[str]:
+        """Their effects."""
+        return frozenset((self.one.effect, self.other.effect))
 
 
 def weigh(  # noqa: PLR0913 - options of one search
@@ -200,7 +216,8 @@ def weigh(  # noqa: PLR0913 - options of one search
     chance = (each - np.array([[luck[c.name]] for c in candidates])).max(axis=0) if nulls else np.empty(0)
     ranked = tuple(sorted(suspects, key=lambda s: -s.evidence))
     height, sigma2 = surface.known[best]
-    return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, luck)
+    couples = partial(weighing.couples, luck, best if top is None else top.point)
+    return Evidence(height, best, lattice.ratios(best), sigma2, ranked, threshold, chance, luck, couples)
 
 
 def _bars(candidates: Sequence[Candidate], each: FloatArray) -> tuple[float, dict[str, float]]:
@@ -316,6 +333,46 @@ class _Weighing:
             candidate=candidate,
             refiner=self.refiner,
         )
+
+    def couples(self, luck: Mapping[str, float], near: Point) -> list[Couple]:
+        """What any two effects of one column explain together, at the noise of the base, `near` and those with less.
+
+        A moved abscissa counts as a column with a size of its own, so that this is where to look, and no evidence. A
+        parameter on its bound says that this is not the effect.
+        """
+        problem, names = self.library.problem, [c.effect or c.name for c in self.candidates]
+        less = [p for p in _points_for_candidates(self.best) if all(i <= b for i, b in zip(p, self.best, strict=True))]
+        points = list(dict.fromkeys([self.best, near, *less]))
+        self.surface.visit(points)
+        paid = np.full(len(names), np.inf)
+        np.minimum.at(paid, [i for i, _ in self.library.entries], self.library.paid(self.candidates))
+        paid += np.array([luck.get(candidate.name, 0.0) for candidate in self.candidates])
+        stuck = np.array([
+            any(p.on_bound(value) for p, value in zip(self.candidates[i].parameters, theta, strict=True))
+            for i, theta in self.library.entries
+        ])  # fmt: skip
+        most, place = np.full((len(names), len(names)), -np.inf), np.zeros((2, len(names), len(names)), dtype=np.int64)
+        for point in points:
+            height, sigma2 = self.surface.known[point]
+            gain, where = self.library.couples(self.surface.lattice.way(point), problem.y, stuck)
+            share = np.minimum(gain / (sigma2 * problem.rows), _ALL)
+            reached = self.surface.height(self.best) - height - problem.rows * np.log1p(-share)
+            better = (reached > most) & (gain > 0.0)
+            most, place = np.where(better, reached, most), np.where(better, [where, where.T], place)
+        most -= paid[:, None] + paid
+        found: dict[frozenset[str], tuple[float, int, int]] = {}
+        for one, other in zip(*np.nonzero(np.isfinite(most)), strict=True):
+            both, own = frozenset((names[one], names[other])), float(most[one, other])
+            if len(both) == 2 and own > found.get(both, (-np.inf,))[0]:
+                found[both] = own, int(place[0, one, other]), int(place[1, one, other])
+        ranked = sorted(found.values(), key=lambda each: -each[0])
+        return [Couple(self._on_grid(one, near), self._on_grid(other, near), own) for own, one, other in ranked]
+
+    def _on_grid(self, entry: int, point: Point) -> Suspect:
+        """An entry of the grid as a suspect without evidence of its own."""
+        index, theta = self.library.entries[entry]
+        scanned = _Scanned(self.candidates[index], (), 0.0, -np.inf, -np.inf, excited=True)
+        return self._suspect(scanned, _Reached(theta, point, -np.inf, closely=False))
 
     def chance(self, runs: int, seed: int, top: Suspect | None) -> FloatArray:
         """Evidence of each candidate (candidates, runs) in runs of the fitted base and the noise beside the best."""

@@ -17,11 +17,12 @@ from bench.analysis.diagnosis.candidates import Candidate, Problem, Theta, ortho
 from bench.analysis.diagnosis.refine import Start
 from bench.analysis.noise.likelihood import NoiseLattice, Point, spanned
 from bench.analysis.noise.whitening import Whitener
-from bench.base import FloatArray, IntArray, shared
+from bench.base import BoolArray, FloatArray, IntArray, shared
 
 DEPENDENT = 1e-9
 """A column with less than this share of its variance outside the base counts as part of the base."""
 
+_NEARLY = 0.05  # of the variance of a column that is not in another
 _SINGLE: np.dtype[Any] = np.dtype(np.float32)
 _ROUNDED = 1e-6  # of a square sum: what is left in single precision is not known better
 _COLUMNS = 256  # at once, at least: many more do not fit the cache
@@ -62,7 +63,7 @@ class Library:
     def __init__(self, problem: Problem, candidates: Sequence[Candidate]) -> None:
         """Columns are computed here once; every later step only whitens them."""
         grids = [candidate.grid() for candidate in candidates]
-        self.problem = problem
+        self.problem, self.candidates = problem, len(candidates)
         self.entries = tuple((index, theta) for index, grid in enumerate(grids) for theta in grid)
         self.replaces = np.repeat([_use(candidate) == _REPLACES for candidate in candidates], [len(g) for g in grids])
         self.widths = np.ones(len(self.entries), dtype=np.int64)
@@ -126,6 +127,36 @@ class Library:
             base, excited = np.minimum(best.base, other.base), np.maximum(best.excited, other.excited)
             best = replace(best, excited=excited, base=base, values=values, where=where)
         return best
+
+    def couples(self, way: Whitener, run: FloatArray, left_out: BoolArray) -> tuple[FloatArray, IntArray]:
+        """Square sum that any two candidates explain together of a response (n,) under one noise, at most (candidates,
+        candidates), and the entry of the first there; for those of one column, a moved abscissa as a column.
+
+        Columns that are nearly one are no couple: what they differ in is not told from rounding. Entries may be
+        `left_out` (entries,).
+        """
+        q = spanned(way.apply(self.problem.base), np.linalg.norm(self.problem.base, axis=0))[0]
+        residual = outside(q, way.apply(run))
+        single = [each for each in self._stacks if each[1] == _SHIFTS or each[1:3] == _SINGLES]
+        which = np.concatenate([own for own, *_ in single])
+        columns = np.hstack([outside(q.astype(_SINGLE), way.apply(own)) for *_, own in single])
+        columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
+        order = np.argsort(which, kind="stable")
+        order = order[~left_out[which[order]]]
+        which, columns = which[order], columns[:, order]
+        names, first = np.unique([self.entries[i][0] for i in which], return_index=True)
+        alone = columns.T @ residual.astype(_SINGLE)
+        alike = columns.T @ columns
+        gain = alone[:, None] ** 2 + alone**2 - 2.0 * alike * (alone[:, None] * alone)
+        gain /= np.maximum(1.0 - alike**2, _NEARLY)
+        gain[alike**2 > 1.0 - _NEARLY] = 0.0
+        every, place = np.zeros((2, self.candidates, self.candidates))
+        across = np.maximum.reduceat(gain, first, axis=1)
+        ends = [*first[1:], len(which)]
+        for name, begin, end in zip(names, first, ends, strict=True):
+            best = begin + np.argmax(across[begin:end], axis=0)
+            every[name, names], place[name, names] = across[best, np.arange(len(names))], which[best]
+        return every, place.astype(np.int64)
 
     def _part(self, lattice: NoiseLattice, points: Sequence[Point], run: FloatArray, statics: list[FloatArray]) -> Scan:
         """Best over some of the points."""

@@ -237,8 +237,14 @@ class Layout:
     @cached_property
     def _others(self) -> FloatArray:
         """Constants of the runs after the first, and the slopes of the fitted curve along the model's parameters."""
-        rounding = [self.resolution.rounding(self.stacked(self.outputs))] if self.resolution.rate_step_dph else []
-        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], self.slopes, *rounding])
+        return np.column_stack([self._linear[:, self._bound[1].shape[1] :], self.slopes, *self._rounding])
+
+    @property
+    def _rounding(self) -> list[FloatArray]:
+        """What the steps of the output add to it (n, 1), where they matter."""
+        if not self.resolution.rate_step_dph:
+            return []
+        return [self.resolution.rounding(self.stacked(self.outputs))[:, None]]
 
     @property
     def outputs(self) -> list[FloatArray]:
@@ -252,9 +258,16 @@ class Layout:
 
         One on an end of its range is not free: its slope would take in what lies beyond that end.
         """
+        return self._slopes_of(len(self.theta))
+
+    def fixed(self, free: int) -> FloatArray:
+        """The model's columns (n, k) as in `problem`, with slopes along its first `free` parameters alone."""
+        return np.hstack([self._linear, self._slopes_of(free), *self._rounding])
+
+    def _slopes_of(self, free: int) -> FloatArray:
         slopes, known = self._slopes
-        pairs = zip(self.rows.parameters, self.theta.tolist(), strict=True)
-        return slopes[:, known & np.array([not p.on_bound(value) for p, value in pairs], dtype=bool)]
+        pairs = enumerate(zip(self.rows.parameters, self.theta.tolist(), strict=True))
+        return slopes[:, known & np.array([i < free and not p.on_bound(value) for i, (p, value) in pairs], dtype=bool)]
 
     @cached_property
     def _slopes(self) -> tuple[FloatArray, BoolArray]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.answer import VerdictWord
 from bench.analysis.diagnosis.borne import Borne
+from bench.analysis.diagnosis.candidates import Candidate
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
 from bench.analysis.diagnosis.held_out import settled, unseen, with_suspect
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
@@ -41,7 +42,7 @@ _OUTWEIGHED = 2.0 * FORMULA_EVIDENCE
 """Evidence of the run that check runs may outweigh."""
 _LEADERS = 5
 """Effects that the check runs are asked about."""
-_HIDING = 8  # that are tried as one of two which hide each other
+_HIDING = 3  # that are tried as one of two which hide each other
 _MINOR = 0.15
 """What remains may be this share of the evidence explained: real effects follow textbook equations about so well."""
 _NOISE = "noise"
@@ -117,8 +118,7 @@ class Search:
         before = self._examine(layout, layout, first)
         search = replace(self, threshold=first.threshold, luck=first.luck)
         steps = search.forward(layout, first)
-        if not steps and any(f.name != _NOISE for f in before.alarms):
-            steps = search.both(layout, first)
+        steps = search.together(layout, first, steps)
         if len(steps) > 1:
             steps = search.again(layout, steps)
         last_layout = with_found(layout, steps)
@@ -147,9 +147,9 @@ class Search:
         surface.visit([evidence.point])
         return examine(layout.problem, seen.probes(), self.lattice, surface.descend(evidence.point))
 
-    def forward(self, layout: Layout, evidence: Evidence) -> tuple[FoundEffect, ...]:
-        """The best effect, the best beside it, and so on while it beats chance."""
-        steps: list[FoundEffect] = []
+    def forward(self, layout: Layout, evidence: Evidence, found: Sequence[FoundEffect] = ()) -> tuple[FoundEffect, ...]:
+        """The best effect beside those `found`, the best beside it, and so on while it beats chance."""
+        steps = list(found)
         while len(steps) < MOST_EFFECTS:
             best = self._next(layout, evidence, steps)
             if best is None:
@@ -159,17 +159,50 @@ class Search:
             evidence = self.weigh(layout)
         return tuple(steps)
 
-    def both(self, layout: Layout, evidence: Evidence) -> tuple[FoundEffect, ...]:
-        """The best two effects that hide each other, where none is found alone and something is left all the same."""
-        pairs = list[tuple[float, tuple[FoundEffect, ...]]]()
-        for one in evidence.each_once()[:_HIDING]:
+    def together(self, layout: Layout, evidence: Evidence, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
+        """The `steps`, or two effects, and what is best beside them, where these two explain more: each alone hides the
+        other, a third one resembles both, or one of them is another one beside the other.
+        """
+        better: tuple[FoundEffect, ...] = ()
+        had, stuck = {step.suspect.effect for step in steps}, any(step.suspect.on_bound for step in steps)
+        least = self._explained(layout, evidence, steps) + TIE if steps else self.threshold + FURTHER_EVIDENCE
+        couples = evidence.couples()
+        hopes = [each for each in couples if (stuck if each.effects == had else each.evidence > least)]
+        for hope in hopes[:_HIDING]:
+            one, other = (hope.one, hope.other) if hope.other.effect in had else (hope.other, hope.one)
             first = FoundEffect(layout, evidence, one, self.offer.effects[one.name])
-            beside = with_found(layout, (first,))
-            second = self._next(beside, self.weigh(beside), (first,))
-            if second is not None:
-                pairs.append((one.evidence + second.suspect.evidence, (first, second)))
-        total, best = max(pairs, key=lambda pair: pair[0], default=(0.0, ()))
-        return best if total > self.threshold + FURTHER_EVIDENCE else ()
+            second = self._beside(layout, first, other.effect)
+            first = self._beside(layout, second, one.effect)
+            total = self._explained(layout, evidence, (second, first))
+            if total > least:
+                better, least = (second, first), total
+        if not better:
+            return steps
+        self.known.clear()  # what is known was weighed beside other parameters
+        beside = with_found(layout, better)
+        return self.forward(beside, self.weigh(beside), better)
+
+    def _beside(self, layout: Layout, other: FoundEffect, effect: str) -> FoundEffect:
+        """The best shape of an effect beside another one at its parameters."""
+        layout = with_found(layout, (other,))
+        self.known.pop(frozenset(layout.rows.model.effects), None)
+        evidence = self.weigh(layout)
+        best = next(one for one in evidence.suspects if one.effect == effect)
+        return FoundEffect(layout, evidence, best, self.offer.effects[best.name])
+
+    def _explained(self, layout: Layout, evidence: Evidence, steps: Sequence[FoundEffect]) -> float:
+        """Evidence of some effects together, their parameters moved to where they fit best."""
+        point = steps[-1].suspect.point
+        moved = with_found(layout, steps)
+        moved = moved.settled(self.lattice.way(point), len(moved.theta))
+        columns, base = moved.fixed(len(layout.theta)), layout.problem.base.shape[1]
+        both = Candidate("together", lambda _: columns, kind="abscissa")
+        surface = evidence.suspects[0].refiner.surface(both, ())
+        surface.visit(points := [evidence.point, point])
+        least = surface.height(surface.descend(min(points, key=surface.height)))
+        paid = both.paid(base, columns.shape[1]) + sum(step.suspect.candidate.paid(0, 0) for step in steps)
+        lucky = sum(self.luck.get(step.suspect.name, 0.0) for step in steps)
+        return evidence.minus2logl - least - paid * float(np.log(len(layout.problem.y))) - lucky
 
     def _next(
         self, layout: Layout, evidence: Evidence, others: Sequence[FoundEffect], dropped: Sequence[str] = ()
