@@ -335,14 +335,16 @@ class _Weighing:
         )
 
     def couples(self, luck: Mapping[str, float], near: Point) -> list[Couple]:
-        """What any two effects of one column explain together, at the noise of the base, `near` and those with less.
+        """What any two effects of one column explain together, at the noise of the base, `near` and a decade less.
 
-        A moved abscissa counts as a column with a size of its own, so that this is where to look, and no evidence. A
-        parameter on its bound says that this is not the effect.
+        A moved abscissa counts as a column with a size of its own, so that this is where to look, and no evidence. Two
+        that move it are no couple: a lead and a lag undo each other. A parameter on its bound says that this is not
+        the effect.
         """
         problem, names = self.library.problem, [c.effect or c.name for c in self.candidates]
+        moves = np.array([c.kind == "abscissa" for c in self.candidates], dtype=bool)
         less = [p for p in _points_for_candidates(self.best) if all(i <= b for i, b in zip(p, self.best, strict=True))]
-        points = list(dict.fromkeys([self.best, near, *less]))
+        points = list(dict.fromkeys([self.best, near, max(less)]))
         self.surface.visit(points)
         paid = np.full(len(names), np.inf)
         np.minimum.at(paid, [i for i, _ in self.library.entries], self.library.paid(self.candidates))
@@ -350,14 +352,14 @@ class _Weighing:
         stuck = np.array([
             any(p.on_bound(value) for p, value in zip(self.candidates[i].parameters, theta, strict=True))
             for i, theta in self.library.entries
-        ])  # fmt: skip
+        ], dtype=bool)  # fmt: skip
         most, place = np.full((len(names), len(names)), -np.inf), np.zeros((2, len(names), len(names)), dtype=np.int64)
         for point in points:
             height, sigma2 = self.surface.known[point]
             gain, where = self.library.couples(self.surface.lattice.way(point), problem.y, stuck)
             share = np.minimum(gain / (sigma2 * problem.rows), _ALL)
             reached = self.surface.height(self.best) - height - problem.rows * np.log1p(-share)
-            better = (reached > most) & (gain > 0.0)
+            better = (reached > most) & (gain > 0.0) & ~(moves[:, None] & moves)
             most, place = np.where(better, reached, most), np.where(better, [where, where.T], place)
         most -= paid[:, None] + paid
         found: dict[frozenset[str], tuple[float, int, int]] = {}

@@ -135,9 +135,12 @@ class Library:
         Columns that are nearly one are no couple: what they differ in is not told from rounding. Entries may be
         `left_out` (entries,).
         """
+        every, place = np.zeros((2, self.candidates, self.candidates))
         q = spanned(way.apply(self.problem.base), np.linalg.norm(self.problem.base, axis=0))[0]
         residual = outside(q, way.apply(run))
         single = [each for each in self._stacks if each[1] == _SHIFTS or each[1:3] == _SINGLES]
+        if not single:
+            return every, place.astype(np.int64)
         which = np.concatenate([own for own, *_ in single])
         columns = np.hstack([outside(q.astype(_SINGLE), way.apply(own)) for *_, own in single])
         columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
@@ -150,7 +153,6 @@ class Library:
         gain = alone[:, None] ** 2 + alone**2 - 2.0 * alike * (alone[:, None] * alone)
         gain /= np.maximum(1.0 - alike**2, _NEARLY)
         gain[alike**2 > 1.0 - _NEARLY] = 0.0
-        every, place = np.zeros((2, self.candidates, self.candidates))
         across = np.maximum.reduceat(gain, first, axis=1)
         ends = [*first[1:], len(which)]
         for name, begin, end in zip(names, first, ends, strict=True):

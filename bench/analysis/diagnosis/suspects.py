@@ -241,10 +241,10 @@ class Layout:
 
     @property
     def _rounding(self) -> list[FloatArray]:
-        """What the steps of the output add to it (n, 1), where they matter."""
+        """What the steps of the output add to it (n, k), where they matter."""
         if not self.resolution.rate_step_dph:
             return []
-        return [self.resolution.rounding(self.stacked(self.outputs))[:, None]]
+        return [self.resolution.rounding(self.stacked(self.outputs))]
 
     @property
     def outputs(self) -> list[FloatArray]:

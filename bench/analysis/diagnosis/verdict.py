@@ -262,7 +262,8 @@ class Search:
         return FURTHER_EVIDENCE if effect.needs or effect.parameters or effect.moves_abscissa else FURTHER_SLOW
 
     def _borne(self, layout: Layout, point: Point, leaders: Sequence[Suspect]) -> list[Suspect]:
-        """The leaders of which the run and the check runs together tell enough, and no other one more.
+        """The leaders of which the run and the check runs together tell enough, and no other one more, where the error
+        on the check runs does not rise.
 
         Not a second one that moves the abscissa: a lead and a lag that undo each other fit a check run by little.
         """
@@ -273,7 +274,15 @@ class Search:
         leaders = [leader for leader in leaders if leader.sized and _acts_again(layout, self.offer, self.check, leader)]
         total = self._total(layout, point, leaders)
         least = max((*total, TIE + max(self.threshold, FORMULA_EVIDENCE))) - TIE
-        return [leader for leader, own in zip(leaders, total, strict=True) if own > least]
+        return [
+            leader for leader, own in zip(leaders, total, strict=True) if own > least and self._falls(layout, leader)
+        ]
+
+    def _falls(self, layout: Layout, leader: Suspect) -> bool:
+        """Whether the error on the check runs does not rise with it: what follows their slow noise may do both."""
+        after = with_suspect(layout, self.offer.effects[leader.name], leader, self.check).left
+        before = settled(layout, leader.way, self.check).left
+        return prove(before, after).fall >= 0.0
 
     def _contradicted(self, layout: Layout, point: Point, leader: Suspect, bar: float) -> bool:
         """Whether the check runs take so much from its evidence or, without, legs that are left out speak against it.
