@@ -260,6 +260,14 @@ def test_what_lies_beyond_the_end_of_a_parameter_of_the_model_is_missing():
     assert any(note.startswith("clock_delay.delay_s of the model is on its bound, 3") for note in answer.notes)
 
 
+def test_an_effect_of_the_model_that_the_check_run_does_not_bear_out_is_told():
+    unit = HiddenUnit(({"mechanism": "thermal_lag", "tau_s": 60.0},)).at_strength(2.0, "short")
+    model = SPLINE.adding(effects.make("thermal_lag")).adding(effects.make("hysteresis"))
+    answer = diagnose([unit.run("short", seed=1)], model, check=[unit.run("minor_loops", seed=2)], candidates=FEW[1:2])
+    notes = [note for note in answer.notes if note.startswith("the check run does not bear out")]
+    assert [note.split()[7] for note in notes] == ["hysteresis"]
+
+
 def test_spikes_in_a_check_run_speak_against_no_effect(still):
     """Three of a thousand means; the answer was that no effect of the catalogue explains the error."""
     unit = HiddenUnit((LAG,)).at_strength(1.5, "short")

@@ -20,6 +20,7 @@ from bench.analysis.diagnosis.held_out import Unseen, unseen, without_pauses, wi
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
+from bench.analysis.diagnosis.needless import needless
 from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_answer, of_check, of_runs, slow_floor
 from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.places import places, steps_places
@@ -217,6 +218,7 @@ class _Case:
                 *floor_note,
                 *constants(base, self.fit.rms_dph, runs),
                 *of_runs(runs, self.fit),
+                *needless(self.fit, self.layout, check),
                 *of_check(base, improved, self.fit.rms_dph),
                 *(slow_floor(self.layout.problem, floor_dph) if decision.word == "adequate" else ()),
             ),
