@@ -277,6 +277,16 @@ def test_values_of_a_slow_log_are_seen_though_each_has_gaps_about_it() -> None:
     assert plotting.line_trace(np.arange(600.0), values, "x", plotting.BLUE).connectgaps is True
 
 
+def test_a_line_over_time_is_broken_where_the_record_pauses() -> None:
+    """An hour without data was a straight line."""
+    hours = np.concatenate([np.arange(0.0, 1.0, 1 / 120), np.arange(2.0, 3.0, 1 / 120)])
+    trace = plotting.time_trace(hours, np.sin(hours), "x", plotting.BLUE)
+    assert [at for at, value in enumerate(trace.y) if value is None] == [120]
+    assert len(trace.x) == 241
+    few = plotting.time_trace(np.array([0.0, 1.0, 2.0]), np.zeros(3), "x", plotting.BLUE)
+    assert None not in few.y, "a row each hour"
+
+
 def test_the_same_run_gives_the_same_page(whole: Analysis) -> None:
     assert render(whole) == render(whole)
 

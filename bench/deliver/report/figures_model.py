@@ -54,9 +54,9 @@ def compensation(
     traces = [
         *([] if extremes is None else [band(hours, *extremes)]),
         plotting.dot_trace(hours, dataset.bias, "measured", GREY, size=3),
-        plotting.line_trace(hours, model, name, VERMILION, width=2),
-        plotting.line_trace(hours, left, "compensated", BLUE, yaxis="y2", width=1.2, meta=LEFT),
-        plotting.line_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y3"),
+        plotting.time_trace(hours, model, name, VERMILION, width=2),
+        plotting.time_trace(hours, left, "compensated", BLUE, yaxis="y2", width=1.2, meta=LEFT),
+        plotting.time_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y3"),
     ]
     layout: dict[str, Any] = {
         "xaxis": axis("time [h]", anchor="y3"),
@@ -152,7 +152,7 @@ def residual_over_time(dataset: Dataset, residual: FloatArray, floor_dph: float 
             "line": {"color": GREY, "dash": "dot", "width": 1},
         } for at in borders),
     ]  # fmt: skip
-    return plotting.plot([plotting.line_trace(hours, residual, "residual", BLUE, width=1.2)], layout, 380)
+    return plotting.plot([plotting.time_trace(hours, residual, "residual", BLUE, width=1.2)], layout, 380)
 
 
 def _floor_band(floor_dph: float | None) -> dict[str, Any]:

@@ -30,7 +30,7 @@ def profile_figure(dataset: Dataset, failed: Sequence[tuple[float, float]]) -> P
         ("temperature", "unit", VERMILION, {"width": 2.2}),
     )
     traces = [
-        plotting.line_trace(hours, dataset.channels[name], text, colour, **style)
+        plotting.time_trace(hours, dataset.channels[name], text, colour, **style)
         for name, text, colour, style in curves
         if dataset.has(name)
     ]

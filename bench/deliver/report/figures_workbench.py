@@ -27,8 +27,8 @@ def measured_figure(dataset: Dataset, extremes: tuple[FloatArray, FloatArray] | 
     hours = dataset.time / HOUR_S
     traces = [
         *([] if extremes is None else [band(hours, *extremes)]),
-        plotting.line_trace(hours, dataset.bias, "measured", BLUE),
-        plotting.line_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y2"),
+        plotting.time_trace(hours, dataset.bias, "measured", BLUE),
+        plotting.time_trace(hours, dataset.channel("temperature"), "temperature", ORANGE, yaxis="y2"),
     ]
     layout = {
         "xaxis": axis("time [h]", anchor="y2"),

@@ -92,6 +92,10 @@ def _rounded(values: FloatArray) -> list[float | None]:
     return found
 
 
+_PAUSE_H = 0.25
+_PAUSE_STEPS = 5.0
+
+
 def thin(values: FloatArray, most: int = MAX_POINTS) -> IntArray:
     """Rows (k,) through which a line looks as through all n: first, lowest and highest row of equal pieces."""
     n = values.size
@@ -116,6 +120,17 @@ def line_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any
     return go.Scatter(
         x=plain(x[rows]), y=plain(y[rows]), name=name, mode="lines", line=style, connectgaps=bool(slow), **more
     )
+
+
+def time_trace(hours: FloatArray, y: FloatArray, name: str, colour: str, **more: Any) -> go.Scatter:
+    """A thinned line over time [h], broken where a record pauses: by a quarter of an hour and five of its steps."""
+    steps = np.diff(hours)
+    pauses = np.flatnonzero(steps > max(_PAUSE_H, _PAUSE_STEPS * float(np.median([*steps, 0.0]))))
+    parts = np.split(np.arange(hours.size), pauses + 1)
+    rows = [part[thin(y[part], MAX_POINTS // len(parts))] for part in parts]
+    ends = np.cumsum([len(own) for own in rows])[:-1]
+    x, broken = (np.insert(values[np.concatenate(rows)], ends, np.nan) for values in (hours, y))
+    return line_trace(x, broken, name, colour, **more)
 
 
 def dot_trace(x: FloatArray, y: FloatArray, name: str, colour: str, **more: Any) -> go.Scatter:
