@@ -81,6 +81,7 @@ def test_a_check_run_alone_finds_no_second_effect_that_moves_the_temperature(mon
     search = Search(SimpleNamespace(effects=offered), None, check=[None])
     monkeypatch.setattr("bench.analysis.diagnosis.verdict._acts_again", lambda *_: True)
     monkeypatch.setattr(Search, "_total", lambda self, layout, point, leaders: [50.0] * len(leaders))
+    monkeypatch.setattr(Search, "_falls", lambda *_: True)
     layout = SimpleNamespace(rows=SimpleNamespace(model=SimpleNamespace(effects=(effects.make(has),))))
     leaders = [SimpleNamespace(name=name, sized=True) for name in offered]
     assert [one.name for one in search._borne(layout, (0, 0), leaders)] == borne

@@ -335,7 +335,8 @@ class _Weighing:
         )
 
     def couples(self, luck: Mapping[str, float], near: Point) -> list[Couple]:
-        """What any two effects of one column explain together, at the noise of the base, `near` and a decade less.
+        """What any two effects of one column explain together, at the noise of the base, `near`, less, and none that
+        walks.
 
         A moved abscissa counts as a column with a size of its own, so that this is where to look, and no evidence. Two
         that move it are no couple: a lead and a lag undo each other. A parameter on its bound says that this is not
@@ -343,8 +344,10 @@ class _Weighing:
         """
         problem, names = self.library.problem, [c.effect or c.name for c in self.candidates]
         moves = np.array([c.kind == "abscissa" for c in self.candidates], dtype=bool)
-        less = [p for p in _points_for_candidates(self.best) if all(i <= b for i, b in zip(p, self.best, strict=True))]
-        points = list(dict.fromkeys([self.best, near, max(less)]))
+        around = _points_for_candidates(self.best)
+        less = [p for p in around if all(i <= b for i, b in zip(p, self.best, strict=True))]
+        steady = [p for p in around if p[1] == around[0][1]]  # a walk is what effects are mostly taken for
+        points = list(dict.fromkeys([self.best, near, max(less), max(steady)]))
         self.surface.visit(points)
         paid = np.full(len(names), np.inf)
         np.minimum.at(paid, [i for i, _ in self.library.entries], self.library.paid(self.candidates))

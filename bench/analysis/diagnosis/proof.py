@@ -161,14 +161,14 @@ def beside_states(before: LeftOut, after: LeftOut) -> LeftOut:
 
 
 def without_states(residual: FloatArray, states: FloatArray, weights: FloatArray) -> FloatArray:
-    """A residual (n,) without what columns (n, k) take in beside a constant, which stays in it; NaN stays NaN."""
-    if not states.shape[1]:
-        return residual
+    """A residual (n,) without what columns (n, k) take in beside its mean, which stays in it; NaN stays NaN."""
     known = np.isfinite(residual)
-    columns = np.column_stack([states, np.ones(len(states))])
-    root = np.sqrt(weights[known])
-    size = np.linalg.lstsq(root[:, None] * columns[known], root * residual[known], rcond=None)[0]
-    left: FloatArray = residual - states @ size[:-1]
+    if not states.shape[1] or not known.any():
+        return residual
+    share = weights[known] / weights[known].sum()
+    root, states = np.sqrt(share), states - share @ states[known]
+    about = root * (residual[known] - share @ residual[known])
+    left: FloatArray = residual - states @ np.linalg.lstsq(root[:, None] * states[known], about, rcond=None)[0]
     return left
 
 
