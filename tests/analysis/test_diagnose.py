@@ -182,6 +182,9 @@ def test_glue_that_came_from_the_cold_creeps_and_does_not_age():
     assert low < 2.0 < high
     assert creep.proof.after_dph < 0.12  # with 0.11 of noise
     assert abs(creep.parameters["c"].value + 0.02 * 35.0) < 2.5 * creep.parameters["c"].std
+    assert creep.held_out_rms_dph < 0.13
+    (score,) = compare([run], [creep.model], 0.11, [check]).scores
+    assert score.held_out.rms_dph < 0.13, "what was promised is what the comparison shows"
 
 
 def test_an_uneven_interval_is_stated_in_the_place_of_a_deviation():

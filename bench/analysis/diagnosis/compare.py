@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from bench.analysis.diagnosis.pieces import BLOCKS, pieces_of
-from bench.analysis.diagnosis.proof import visited_again
+from bench.analysis.diagnosis.proof import visited_again, without_states
 from bench.analysis.diagnosis.scores import Comparison, Counted, HeldOut, Score, SegmentScore
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
@@ -174,7 +174,11 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
         predictions = [fit.predict(check) for check in checks]
     except InputError as error:
         return HeldOut("check", reason=str(error))
-    residuals = tuple(check.bias - p.bias for check, p in zip(checks, predictions, strict=True))
+    of_run = fit.bound.of_each_run()
+    residuals = tuple(
+        without_states(check.bias - p.bias, fit.bound.columns(check)[:, of_run], check.count("rate"))
+        for check, p in zip(checks, predictions, strict=True)
+    )
     outside = float(np.mean(np.concatenate([fit.out_of_range(check, NEAR_RANGE) for check in checks])))
     found = error_of("check", checks, residuals, outside)
     if "temperature" not in fit.validity:

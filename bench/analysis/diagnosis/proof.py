@@ -157,18 +157,21 @@ def beside_states(before: LeftOut, after: LeftOut) -> LeftOut:
         return before
     ends = np.cumsum([len(each) for each in after.states])[:-1]
     runs = zip(np.split(before.residual, ends), after.states, np.split(after.weights, ends), strict=True)
-    return replace(before, residual=np.concatenate([without_states(*each) for each in runs]))
+    left = []
+    for residual, states, weights in runs:
+        own, known = without_states(residual, states, weights), np.isfinite(residual)
+        left.append(own - np.average(own[known], weights=weights[known]) if known.any() else own)
+    return replace(before, residual=np.concatenate(left))
 
 
 def without_states(residual: FloatArray, states: FloatArray, weights: FloatArray) -> FloatArray:
-    """A residual (n,) without what columns (n, k) take in beside its mean, which stays in it; NaN stays NaN."""
+    """A residual (n,) without what columns (n, k) take in beside a constant, which stays in it; NaN stays NaN."""
     known = np.isfinite(residual)
     if not states.shape[1] or not known.any():
         return residual
-    share = weights[known] / weights[known].sum()
-    root, states = np.sqrt(share), states - share @ states[known]
-    about = root * (residual[known] - share @ residual[known])
-    left: FloatArray = residual - states @ np.linalg.lstsq(root[:, None] * states[known], about, rcond=None)[0]
+    columns, root = np.column_stack([np.ones(len(states)), states])[known], np.sqrt(weights[known])
+    size = np.linalg.lstsq(root[:, None] * columns, root * residual[known], rcond=None)[0]
+    left: FloatArray = residual - states @ size[1:]
     return left
 
 
