@@ -160,8 +160,10 @@ class Search:
         return tuple(steps)
 
     def together(self, layout: Layout, evidence: Evidence, steps: tuple[FoundEffect, ...]) -> tuple[FoundEffect, ...]:
-        """The `steps`, or two effects, and what is best beside them, where these two explain more: each alone hides the
-        other, a third one resembles both, or one of them is another one beside the other.
+        """The `steps`, or two effects and what is best beside them, where these explain more.
+
+        Two effects may hide each other, or leave together what a third one resembles; and the parameters of one may lie
+        elsewhere beside the other. Those that promise most on the grid are refined beside each other.
         """
         better: tuple[FoundEffect, ...] = ()
         had, stuck = {step.suspect.effect for step in steps}, any(step.suspect.on_bound for step in steps)
