@@ -63,6 +63,10 @@ class Candidate:
         axes = [from_unit(parameter, np.linspace(0.0, 1.0, self.points or usual)) for parameter in self.parameters]
         return [tuple(map(float, theta)) for theta in product(*axes)]
 
+    def on_bound(self, theta: Theta) -> bool:
+        """Whether one of these parameters is on an end of its range: the data do not determine it."""
+        return any(p.on_bound(value) for p, value in zip(self.parameters, theta, strict=True))
+
     def paid(self, base_columns: int, columns: int) -> float:
         """Parameters counted by the evidence for this many base columns and columns of its own."""
         linear = columns if self.kind == "term" else 0 if self.shift else columns - base_columns

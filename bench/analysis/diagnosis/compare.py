@@ -174,9 +174,8 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
         predictions = [fit.predict(check) for check in checks]
     except InputError as error:
         return HeldOut("check", reason=str(error))
-    of_run = fit.bound.of_each_run()
     residuals = tuple(
-        without_states(check.bias - p.bias, fit.bound.columns(check)[:, of_run], check.count("rate"))
+        without_states(check.bias - p.bias, fit.bound.states(check), check.count("rate"))
         for check, p in zip(checks, predictions, strict=True)
     )
     outside = float(np.mean(np.concatenate([fit.out_of_range(check, NEAR_RANGE) for check in checks])))

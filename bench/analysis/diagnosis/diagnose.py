@@ -218,7 +218,7 @@ class _Case:
                 *floor_note,
                 *constants(base, self.fit.rms_dph, runs),
                 *of_runs(runs, self.fit),
-                *needless(self.fit, self.layout, check),
+                *needless(self.fit, self.layout, check, base.left),
                 *of_check(base, improved, self.fit.rms_dph),
                 *(slow_floor(self.layout.problem, floor_dph) if decision.word == "adequate" else ()),
             ),

@@ -97,7 +97,7 @@ class Suspect:
     @property
     def on_bound(self) -> bool:
         """Whether the search of a parameter ended at an end of its range: the data do not determine it."""
-        return any(p.on_bound(value) for p, value in zip(self.candidate.parameters, self.theta, strict=True))
+        return self.candidate.on_bound(self.theta)
 
     @property
     def sized(self) -> bool:
@@ -352,10 +352,7 @@ class _Weighing:
         paid = np.full(len(names), np.inf)
         np.minimum.at(paid, [i for i, _ in self.library.entries], self.library.paid(self.candidates))
         paid += np.array([luck.get(candidate.name, 0.0) for candidate in self.candidates])
-        stuck = np.array([
-            any(p.on_bound(value) for p, value in zip(self.candidates[i].parameters, theta, strict=True))
-            for i, theta in self.library.entries
-        ], dtype=bool)  # fmt: skip
+        stuck = np.array([self.candidates[i].on_bound(theta) for i, theta in self.library.entries], dtype=bool)
         most, place = np.full((len(names), len(names)), -np.inf), np.zeros((2, len(names), len(names)), dtype=np.int64)
         for point in points:
             height, sigma2 = self.surface.known[point]

@@ -11,7 +11,7 @@ from bench.analysis.diagnosis.evidence import Suspect
 from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, within, without_states
 from bench.analysis.diagnosis.suspects import Layout
-from bench.analysis.effects.base import Effect
+from bench.analysis.effects.base import Effect, Theta
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.fit.solve import Solution, left_out, solve
@@ -77,7 +77,7 @@ def unseen(
                     columns, solution = more, free
             return Unseen(*scores, residuals, above, apart_dph, left=left_out_of(rows, solution, own, like))
         left = [_residual(bound, record, solution.beta) for record in check]
-        states = [bound.columns(record)[:, bound.of_each_run()] for record in check]
+        states = [bound.states(record) for record in check]
     except InputError as error:
         return Unseen(reason=str(error), left=LeftOut(reason=str(error)))
     weights = [record.count("rate") for record in check]
@@ -112,6 +112,11 @@ def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
     if not excess > 0.0 or not np.isfinite(after_dph):
         return np.nan
     return float(np.clip((before_dph**2 - after_dph**2) / excess, 0.0, 1.0))
+
+
+def acts(effect: Effect, theta: Theta, check: Sequence[Dataset]) -> bool:
+    """Whether a prepared effect moves in any check run: a jump that happened once does not."""
+    return effect.moves_abscissa or any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in check)
 
 
 def without_spikes(fit: Fit, check: Dataset) -> Dataset:

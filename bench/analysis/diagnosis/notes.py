@@ -13,7 +13,7 @@ from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.pieces import pauses
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, options_of
-from bench.analysis.effects.catalogue import catalogue
+from bench.analysis.effects.catalogue import suspected
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.thresholds import SHAPE_ALONE
 from bench.base import listed, number
@@ -48,7 +48,7 @@ def of_runs(runs: Sequence[Dataset], fit: Fit) -> tuple[str, ...]:
 def of_answer(answer: Diagnosis) -> tuple[str, ...]:
     """Notes of what an answer leaves open: options that were not tried, and a start that had not settled."""
     open_ = answer.verdict in {"unknown_effect", "undecided"}
-    tried = {entry.name for entry in catalogue() if entry.suspect}
+    tried = suspected()
     other = [effect for effect in answer.model.effects if open_ and effect.name in tried and _odd(effect)]
     notes = [
         f"the model has {effect.name} with options of its own, others were not tried: diagnose a model without it, too"

@@ -19,7 +19,7 @@ from bench.analysis.diagnosis.resolution import Resolution, resolution
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
-from bench.analysis.effects.catalogue import catalogue
+from bench.analysis.effects.catalogue import suspected
 from bench.analysis.effects.model import Model
 from bench.analysis.fit import design
 from bench.analysis.fit.solve import solve
@@ -308,7 +308,7 @@ class Offer:
 def catalogued(model: Model, records: Sequence[Dataset]) -> tuple[Effect, ...]:
     """Every effect of the catalogue that the model lacks, and a spline where its static curve is stiffer."""
     have = {effect.name for effect in model.effects}
-    lacking = [entry.name for entry in catalogue() if entry.suspect and entry.name not in have]
+    lacking = [name for name in suspected() if name not in have]
     curves = () if have & {"spline", "surface"} else _spline(records)
     return (*(effects.make(name) for name in lacking), *curves)
 

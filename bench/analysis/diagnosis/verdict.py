@@ -16,7 +16,7 @@ from bench.analysis.diagnosis.answer import VerdictWord
 from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.candidates import Candidate
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
-from bench.analysis.diagnosis.held_out import settled, unseen, with_suspect
+from bench.analysis.diagnosis.held_out import acts, settled, unseen, with_suspect
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
 from bench.analysis.diagnosis.proof import prove
 from bench.analysis.diagnosis.suspects import Layout, Offer
@@ -360,12 +360,9 @@ def _total(
 
 
 def _acts_again(layout: Layout, offer: Offer, check: Sequence[Dataset], leader: Suspect) -> bool:
-    """Whether a check run can show it: a jump that happened once cannot."""
+    """Whether a check run can show it."""
     effect = layout.prepared(offer.effects[leader.name])
-    if effect.moves_abscissa:
-        return True
-    theta = {p.name: value for p, value in zip(effect.parameters, leader.theta, strict=True)}
-    return any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in check)
+    return acts(effect, {p.name: value for p, value in zip(effect.parameters, leader.theta, strict=True)}, check)
 
 
 def with_found(layout: Layout, steps: Sequence[FoundEffect]) -> Layout:

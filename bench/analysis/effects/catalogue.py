@@ -40,6 +40,11 @@ def catalogue() -> tuple[CatalogueEntry, ...]:
     return tuple(entry(name) for name in effect_names())
 
 
+def suspected() -> tuple[str, ...]:
+    """Names of the effects that may be missing from a model."""
+    return tuple(one.name for one in catalogue() if one.suspect)
+
+
 def entry(name: str) -> CatalogueEntry:
     """Catalogue entry of one effect; InputError for an unknown name."""
     effect = make(name, {"formula": _EXAMPLE} if name == "expression" else None)

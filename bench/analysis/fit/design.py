@@ -36,11 +36,11 @@ class Bound:
         parts = [e.columns(moved, self.theta[k]) for k, e in zip(self.keys, self.effects, strict=True)]
         return np.hstack([np.ones((len(record), 1)), *parts])
 
-    def of_each_run(self) -> IntArray:
-        """Columns whose amplitude each run has for itself."""
+    def states(self, record: Dataset) -> FloatArray:
+        """Those of the columns (n, k) whose amplitude each run has for itself."""
         pairs = zip(self.keys, self.effects, strict=True)
         own = [self.slices[key].start + index for key, effect in pairs for index in effect.of_each_run]
-        return np.array(own, dtype=np.int64)
+        return self.columns(record)[:, own] if own else np.empty((len(record), 0))
 
     def physical(self) -> tuple[tuple[str, ...], tuple[str, ...], FloatArray]:
         """Keys, units and matrix (p, 1 + k) of all physical coefficients; the constant counted once."""

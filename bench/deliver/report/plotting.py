@@ -26,6 +26,8 @@ SHADES = ((0.0, BLUE), (0.5, "rgba(138,148,157,0.18)"), (1.0, VERMILION))
 
 DIRECTIONS: Mapping[int, tuple[str, str]] = {1: ("heating", VERMILION), -1: ("cooling", BLUE), 0: ("constant", GREY)}
 MAX_POINTS = 2000
+_PAUSE_H = 0.25
+_PAUSE_STEPS = 5.0
 FONT = 'system-ui, "Segoe UI", "Liberation Sans", "DejaVu Sans", sans-serif'
 
 Plot = dict[str, Any]
@@ -90,10 +92,6 @@ def _rounded(values: FloatArray) -> list[float | None]:
     for gap in np.flatnonzero(~np.isfinite(values)):
         found[gap] = None
     return found
-
-
-_PAUSE_H = 0.25
-_PAUSE_STEPS = 5.0
 
 
 def thin(values: FloatArray, most: int = MAX_POINTS) -> IntArray:

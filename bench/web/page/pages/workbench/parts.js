@@ -15,7 +15,7 @@ export const number = (value, digits = 3) =>
       maximumSignificantDigits: digits, minimumSignificantDigits: Number.isInteger(value) ? 1 : digits, useGrouping: Math.abs(value) >= 1e4,
     }).format(value).replace("-", "−");
 
-/** Whether a deviation misleads, as one side of the interval is twice as wide as the other. */
+/** Whether a deviation misleads, as one side of the interval is twice as wide as the other: as `Value.words` there. */
 export const uneven = ({ value, interval }) => {
   const [below, above] = interval ? [value - interval[0], interval[1] - value] : [1, 1];
   return Math.max(below, above) > 2 * Math.min(below, above);
