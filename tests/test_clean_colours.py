@@ -1,8 +1,11 @@
 """A seeded sample of the campaign over noise of seven colours, and its counting."""
 
+import re
+
 import numpy as np
 import pytest
 
+from bench.analysis.diagnosis.diagnose import diagnose
 from benchmarks import clean_colours as campaign
 
 
@@ -31,3 +34,18 @@ def test_a_sample_of_the_campaign_is_resumed_and_written(tmp_path):
     assert not any(found["named"] for _, found in results)
     assert campaign.campaigns.found(cases, pytest.fail, out, campaign.Case) == results
     assert "clean, one_rate | 2 |" in campaign.section(out)
+
+
+@pytest.mark.slow
+def test_slow_noise_that_run_and_isothermal_run_share_is_no_alarm_and_a_slow_cause_is_said_to_look_the_same():
+    """Noise of 1/f^1.5, of which the three hours of the isothermal run show less than the five of the run."""
+    case = campaign.Case("one_rate", 3, "1/f^1.5", checked=True)
+    run, still, check = campaign.runs_of(case, 403)
+    answer = diagnose([run], campaign.MODEL, check=check, static=still, seed=403)
+    assert answer.verdict == "adequate"
+    alone, stated = re.search(
+        r"alone is ([\d.]+) deg/h, with the slow noise of this run ([\d.]+),", answer.sentence
+    ).groups()
+    assert answer.held_out_rms_dph > 1.5 * float(alone)  # no noise of the isothermal run alone
+    assert answer.floor_dph == pytest.approx(float(stated), rel=1e-2)
+    assert answer.sentence.endswith("a slow cause that no channel records looks the same.")

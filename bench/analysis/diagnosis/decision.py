@@ -49,7 +49,7 @@ def decide(
     found = [suspect for suspect in suspects if suspect.found]
     proofs = [suspect.proved for suspect in found]
     some = None if not any(proved is not None for proved in proofs) else any(proofs)
-    ratio = (base.left.rms_dph if base.left.by == "check" else base.shape_dph) / floor_dph
+    ratio = base.judged_dph / floor_dph
     # What stands out in the run and does not matter on unseen data leaves the effects what is missing.
     whole = improved.left.rms_dph <= EXPLAINED_RATIO * floor_dph
     if explained.word == "unknown_effect" and (explained.drifts or not (some and whole)):

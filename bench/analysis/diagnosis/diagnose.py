@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
+from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
@@ -43,9 +44,11 @@ from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.noise.spikes import despike
 from bench.analysis.thresholds import (
+    ADEQUATE_RATIO,
     EXPLAINED_RATIO,
     FORMULA_EVIDENCE,
     LEAST_DIAGNOSED_ROWS,
+    NEAREST_RATIO,
     PROVED_DEVIATIONS,
     PROVED_FALL,
     TIE,
@@ -182,6 +185,10 @@ class _Case:
         runs = self.layout.rows.records
         base = unseen(self.layout.rows, self.layout.theta, check)
         floor_dph, floor_note = self._floor(explained)
+        noise = DRIFTS if explained.drifts else self.noise
+        if self.static is not None and explained.word == "adequate":
+            floor_dph, slow_noise = self._slow_noise(base, floor_dph)
+            noise = slow_noise or noise
         ranking = Ranking(explained, self.offer, check, floor_dph)
         own = sum(len(step.suspect.amplitudes) for step in explained.steps if not step.effect.moves_abscissa)
         improved = unseen(explained.layout.rows, explained.layout.theta, check, own) if explained.steps else base
@@ -211,7 +218,7 @@ class _Case:
             threshold=explained.threshold,
             not_excited=self._not_excited(explained),
             smallest_detectable=self._detectable(explained),
-            noise_finding=DRIFTS if explained.drifts and not steps else self.noise,
+            noise_finding=self.noise if steps else noise,
             resolution=steps,
             notes=(
                 *self.notes,
@@ -262,19 +269,41 @@ class _Case:
         problem, before = explained.layout.problem, self.layout.problem.statics
         if not before or problem.statics[0].X.shape == before[0].X.shape:
             return self.floor_dph, ()
-        own = profile_noise(problem.base, problem.y, problem.time_s, problem.statics, problem.interval_s).noise
-        floor_dph = own.std_of_means(problem.interval_s, float(np.ptp(self.layout.rows.time[0])))
+        floor_dph = self._together_dph(problem)
         if not floor_dph < _LESS * self.floor_dph:
             return self.floor_dph, ()
         text = f"the isothermal run has a part of the effects found: its noise floor is {number(self.floor_dph)} deg/h "
         return floor_dph, (f"{text}with them and {number(floor_dph)} without, as stated here",)
 
+    def _together_dph(self, problem: Problem) -> float:
+        """The noise floor [deg/h] of the run and its isothermal runs together."""
+        own = profile_noise(problem.base, problem.y, problem.time_s, problem.statics, problem.interval_s).noise
+        return own.std_of_means(problem.interval_s, float(np.ptp(self.layout.rows.time[0])))
+
+    def _slow_noise(self, base: Unseen, floor_dph: float) -> tuple[float, str]:
+        """The noise floor [deg/h] where no effect was found and the run's noise is not unlike that of the isothermal
+        run, and the finding about it.
+
+        An isothermal run is shorter than the run and leaves its slow noise open: where the error is more than its floor
+        allows, and not as much as noise never is, both runs together tell the noise.
+        """
+        most = ADEQUATE_RATIO * floor_dph
+        left_dph = max(base.judged_dph, base.apart_dph)
+        if not most < left_dph <= NEAREST_RATIO * floor_dph:
+            return floor_dph, ""
+        together_dph = self._together_dph(self.layout.problem)
+        if together_dph <= floor_dph:
+            return floor_dph, ""
+        text = f"the noise floor of the isothermal run alone is {number(floor_dph)} deg/h, with the slow noise of this "
+        text += f"run {number(together_dph)}, as stated here: a slow cause that no channel records looks the same"
+        return together_dph, text
+
     def _steps(self, explained: Explanation, base: Unseen) -> str:
         """What the steps of output and thermometer cause, where that is as much as what is left; empty where it is not,
         or where effects were found.
         """
-        steps, left = self.layout.resolution, base.left.rms_dph if base.left.by == "check" else base.shape_dph
-        return steps.words() if not explained.steps and steps.explains(left, self.floor_dph) else ""
+        steps, left_dph = self.layout.resolution, base.judged_dph
+        return steps.words() if not explained.steps and steps.explains(left_dph, self.floor_dph) else ""
 
     def _expected(self, floor_dph: float) -> float:
         """The noise floor of the run [deg/h], where its white noise was found to differ from the isothermal run's."""

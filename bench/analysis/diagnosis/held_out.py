@@ -44,6 +44,11 @@ class Unseen:
     reason: str = ""
     left: LeftOut = field(default_factory=LeftOut)
 
+    @property
+    def judged_dph(self) -> float:
+        """Error that is judged beside the noise floor: of check runs what a proof compares, else `shape_dph`."""
+        return self.left.rms_dph if self.left.by == "check" else self.shape_dph
+
 
 def unseen(
     rows: FitRows,

@@ -156,6 +156,7 @@ export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPictur
     <div class=${`wb-verdict wb-${toneOf(found.verdict)}`} role="status">
       <p class="wb-word">${outcomeWord(found.verdict)}</p>
       <p>${first}</p>
+      ${found.verdict === "adequate" && found.noise_finding && html`<p><${Said} text=${found.noise_finding} whole /></p>`}
       ${rest.length > 0 && html`<details><summary>${t("workbench.diagnosis.whole")}</summary><p>${rest.join(sign(" "))}</p></details>`}
     </div>
     <${Formulas} found=${found} lead=${lead} busy=${busy} picked=${picked} onAdd=${onAdd} onPicture=${onPicture} />
@@ -167,7 +168,7 @@ export function Suspects({ found, failed, waiting, busy, picked, onAdd, onPictur
     <${Further} figures=${found.figures} picked=${picked} onPicture=${onPicture} />
     <${Where} places=${found.verdict === "unknown_effect" && found.suspects.some((suspect) => suspect.found) ? [...found.unexplained, ...found.where] : found.where} />
     ${(found.notes?.length > 0 || found.not_excited?.length > 0) && html`<details><summary>${t("workbench.diagnosis.notes")}</summary><ul>
-      ${found.noise_finding && html`<li><${Said} text=${found.noise_finding} /></li>`}
+      ${found.verdict !== "adequate" && found.noise_finding && html`<li><${Said} text=${found.noise_finding} /></li>`}
       ${found.notes.map((note) => html`<li key=${note}><${Said} text=${note} /></li>`)}
       ${found.not_excited.map((one) => html`<li key=${one.effect}>${effectWord(one.effect)}${sign(": ")}<${Said} text=${one.reason} /></li>`)}</ul></details>`}
   </div>`;
