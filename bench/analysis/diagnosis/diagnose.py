@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 
 from bench.analysis.diagnosis.answer import Detectable, Diagnosis, Place
-from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, decide, with_formulas
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
+from bench.analysis.diagnosis.evidence import Evidence
 from bench.analysis.diagnosis.held_out import Unseen, unseen, without_pauses, without_spikes
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
@@ -39,7 +39,7 @@ from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.design import fit_rows
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_stuck, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.noise.estimate import profile_noise
+from bench.analysis.noise.estimate import Noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
 from bench.analysis.noise.spikes import despike
@@ -187,7 +187,7 @@ class _Case:
         floor_dph, floor_note = self._floor(explained)
         noise = DRIFTS if explained.drifts else self.noise
         if self.static is not None and explained.word == "adequate":
-            floor_dph, slow_noise = self._slow_noise(base, floor_dph)
+            floor_dph, slow_noise = self._slow_noise(explained, base, floor_dph)
             noise = slow_noise or noise
         ranking = Ranking(explained, self.offer, check, floor_dph)
         own = sum(len(step.suspect.amplitudes) for step in explained.steps if not step.effect.moves_abscissa)
@@ -269,30 +269,28 @@ class _Case:
         problem, before = explained.layout.problem, self.layout.problem.statics
         if not before or problem.statics[0].X.shape == before[0].X.shape:
             return self.floor_dph, ()
-        floor_dph = self._together_dph(problem)
+        floor_dph = self._together_dph(explained.last)
         if not floor_dph < _LESS * self.floor_dph:
             return self.floor_dph, ()
         text = f"the isothermal run has a part of the effects found: its noise floor is {number(self.floor_dph)} deg/h "
         return floor_dph, (f"{text}with them and {number(floor_dph)} without, as stated here",)
 
-    def _together_dph(self, problem: Problem) -> float:
-        """The noise floor [deg/h] of the run and its isothermal runs together."""
-        own = profile_noise(problem.base, problem.y, problem.time_s, problem.statics, problem.interval_s).noise
-        return own.std_of_means(problem.interval_s, float(np.ptp(self.layout.rows.time[0])))
+    def _together_dph(self, evidence: Evidence) -> float:
+        """The noise floor [deg/h] of the run and its isothermal runs together, beside a model."""
+        interval_s = self.layout.problem.interval_s
+        noise = Noise.of(evidence.ratios, evidence.sigma2, interval_s)
+        return noise.std_of_means(interval_s, float(np.ptp(self.layout.rows.time[0])))
 
-    def _slow_noise(self, base: Unseen, floor_dph: float) -> tuple[float, str]:
+    def _slow_noise(self, explained: Explanation, base: Unseen, floor_dph: float) -> tuple[float, str]:
         """The noise floor [deg/h] where no effect was found and the run's noise is not unlike that of the isothermal
         run, and the finding about it.
 
         An isothermal run is shorter than the run and leaves its slow noise open: where the error is more than its floor
         allows, and not as much as noise never is, both runs together tell the noise.
         """
-        most = ADEQUATE_RATIO * floor_dph
-        left_dph = max(base.judged_dph, base.apart_dph)
-        if not most < left_dph <= NEAREST_RATIO * floor_dph:
-            return floor_dph, ""
-        together_dph = self._together_dph(self.layout.problem)
-        if together_dph <= floor_dph:
+        ratio = max(base.judged_dph, base.apart_dph) / self._expected(floor_dph)
+        together_dph = self._together_dph(explained.first)
+        if not ADEQUATE_RATIO < ratio <= NEAREST_RATIO or together_dph <= floor_dph:
             return floor_dph, ""
         text = f"the noise floor of the isothermal run alone is {number(floor_dph)} deg/h, with the slow noise of this "
         text += f"run {number(together_dph)}, as stated here: a slow cause that no channel records looks the same"

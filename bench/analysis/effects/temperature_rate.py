@@ -13,7 +13,7 @@ Separated by: standing still and reversing (minor loops, steps); ramps at two ra
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,10 @@ class TemperatureRate(Effect):
     def __post_init__(self) -> None:
         check_number(self.name, "filter_s", self.filter_s, 0.0, 36000.0)
         check_choice(self.name, "temperature_slope", self.temperature_slope, (True, False))
+
+    def shapes(self) -> tuple[Effect, ...]:
+        """The same at any temperature, and growing with it."""
+        return (self,) if self.temperature_slope else (self, replace(self, temperature_slope=True))
 
     def columns(self, record: Dataset, theta: Theta) -> FloatArray:
         """The rate r (n, 1), or r and r (T - 25 degC) (n, 2)."""

@@ -52,6 +52,12 @@ class Noise:
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     undetermined: tuple[str, ...] = ()
 
+    @staticmethod
+    def of(ratios: Ratios, sigma2: float, interval_s: float) -> Noise:
+        """From ratios to the white variance sigma2 [(deg/h)^2] of means over `interval_s`."""
+        square = sigma2 * np.array([interval_s / 3600.0, ratios.flicker, ratios.walk])
+        return Noise(*np.sqrt(square).tolist())
+
     def ratios(self, interval_s: float) -> Ratios:
         """Flicker and walk relative to the white variance of means over `interval_s`."""
         variance = self.white_variance(interval_s)
@@ -144,15 +150,8 @@ def profile_noise(
 
 def _noise_fit(first: Record, surface: Surface, best: Point) -> NoiseFit:
     sigma2, way = surface.known[best][1], surface.lattice.way(best)
-    noise = Noise(*_coefficients(surface, best))
+    noise = Noise.of(way.ratios, sigma2, surface.lattice.interval_s)
     return NoiseFit(way.ratios, sigma2, noise, gls(first.X, first.y, way, sigma2))
-
-
-def _coefficients(surface: Surface, point: Point) -> tuple[float, float, float]:
-    ratios, sigma2 = surface.lattice.ratios(point), surface.known[point][1]
-    hours = surface.lattice.interval_s / 3600.0
-    white, flicker, walk = np.sqrt([sigma2 * hours, sigma2 * ratios.flicker, sigma2 * ratios.walk])
-    return float(white), float(flicker), float(walk)
 
 
 @dataclass(frozen=True)
