@@ -450,6 +450,20 @@ def test_what_an_effect_moves_in_the_isothermal_run_is_not_taken_for_noise():
 
 
 @pytest.mark.slow
+def test_a_gradient_whose_size_grows_with_temperature_is_found_with_both_sizes(still):
+    def of(seed):
+        run = hidden_run(profile="short", seed=seed)
+        size = 0.08 + 0.003 * (run.channel("temperature") - 25.0)
+        return run.with_channel("rate", run.channel("rate") + size * run.dT_dt)
+
+    answer = diagnose([of(3)], SPLINE, static=still, check=[of(4)], candidates=FEW)
+    (found,) = answer.named
+    assert found.options["temperature_slope"]
+    for name, truth in (("k1", 0.08), ("k2", 0.003)):
+        assert found.parameters[name].value == pytest.approx(truth, abs=2.5 * found.parameters[name].std)
+
+
+@pytest.mark.slow
 def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
     """One isothermal run leaves open how the noise drifts: ageing as large as the noise hides in it."""
     run = HiddenUnit(({"mechanism": "aging"},)).at_strength(1.0).run("two_rates", seed=5)
