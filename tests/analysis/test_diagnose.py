@@ -464,6 +464,23 @@ def test_a_gradient_whose_size_grows_with_temperature_is_found_with_both_sizes(s
 
 
 @pytest.mark.slow
+def test_a_channel_with_gaps_has_a_run_that_tells_its_formulas_apart(still):
+    def of(seed):
+        run = hidden_run(profile="short", seed=seed)
+        supply = run.channel("supply")
+        away = (supply - supply.mean()) / supply.std()
+        return run.with_channel("rate", run.channel("rate") + 0.15 * away**2)
+
+    run, check = of(3), of(4)
+    run.channels["supply"][[*range(50, 56), *range(200, 207)]] = np.nan
+    answer = diagnose([run], SPLINE, static=still, check=[check], candidates=FEW)
+    best = answer.leading
+    assert best.formula.startswith("k * (supply - ")
+    proposal = next_experiment(answer, [run], check=[check], static=still)
+    assert proposal.separates == (best.formula, *best.equivalent)
+
+
+@pytest.mark.slow
 def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
     """One isothermal run leaves open how the noise drifts: ageing as large as the noise hides in it."""
     run = HiddenUnit(({"mechanism": "aging"},)).at_strength(1.0).run("two_rates", seed=5)

@@ -32,7 +32,7 @@ from bench.analysis.diagnosis.plan import (
 )
 from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.still import Still
-from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
+from bench.analysis.diagnosis.suspects import Layout, catalogued, offer, without_gaps
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
@@ -181,6 +181,7 @@ def _between(
     limits = limits or chamber_limits(runs)
     with one_blas_thread():
         layout = _layout(replace(best.model, effects=best.model.effects[:-1]), runs, static)
+        layout = without_gaps(layout, [rival.effect for rival in best.rivals])
         rivals = Discrimination(layout, best.rivals, best.point).unlike(minor_loops(limits), _MOST_RIVALS)
         return propose(layout, rivals, best.point, limits)
 

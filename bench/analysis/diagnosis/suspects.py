@@ -343,12 +343,7 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
             if i == 0 and layout.still and shape.by_clock and not shape.parameters and len(shape.amplitudes) == 1:
                 alike.add(name := f"{effect.name} in every run")
                 taken[name] = shape
-    needs = {channel for effect in taken.values() for channel in effect.needs}
-    masks = tuple(
-        mask & np.all([np.isfinite(r.channel(c)) for c in needs], axis=0) if needs else mask
-        for r, mask in zip(layout.rows.records, layout.rows.masks, strict=True)
-    )
-    ready = replace(layout, rows=replace(layout.rows, masks=masks))
+    ready = without_gaps(layout, list(taken.values()))
     for name, effect in list(taken.items()):
         try:
             ready.candidate(effect, name)
@@ -356,6 +351,16 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
             del taken[name]
             refused.setdefault(effect.name, str(error))
     return ready, Offer(taken, refused, frozenset(alike))
+
+
+def without_gaps(layout: Layout, effects: Sequence[Effect]) -> Layout:
+    """The layout without rows in which channels of these effects have gaps."""
+    needs = {channel for effect in effects for channel in effect.needs}
+    masks = tuple(
+        mask & np.all([np.isfinite(r.channel(c)) for c in needs], axis=0) if needs else mask
+        for r, mask in zip(layout.rows.records, layout.rows.masks, strict=True)
+    )
+    return replace(layout, rows=replace(layout.rows, masks=masks))
 
 
 def _absent(layout: Layout, effect: Effect) -> str:
