@@ -68,8 +68,8 @@ NEAREST_RATIO = 2.0
 """Error on unseen data over the noise floor above which what was found is the nearest entry of the catalogue only."""
 STEPS_MATTER = 0.1
 """Error from steps of thermometer or output over the noise floor above which it may pass for an effect."""
-LEAST_PRESENT = 0.9
-"""Share of the rows in which an effect's channel needs a value."""
+LEAST_PRESENT = 0.7
+"""Share of the rows in which the channels of effects need values together: rows with gaps are left out for all."""
 LEAST_DIAGNOSED_ROWS = 16
 """Means of the runs together."""
 LEAST_STATIC_ROWS = 40

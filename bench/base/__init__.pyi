@@ -52,6 +52,7 @@ from .shipped import library as library
 from .spelling import closest as closest
 from .spelling import nearest as nearest
 from .spelling import nearest_or_all as nearest_or_all
+from .spikes import despike as despike
 from .versions import __version__ as __version__
 from .versions import package_versions as package_versions
 from .yaml12 import Document as Document

@@ -106,6 +106,8 @@ class Dataset:
     """The rows that this record averages."""
     output: str = "rate"
     """Which output of the unit `rate` is."""
+    outliers: Mapping[str, int] = field(default_factory=dict)
+    """Single readings of a channel that stood out, and were left out when the run was read."""
     moved: frozenset[str] = frozenset()
     """Channels that were replaced since: their finer rows are of another channel."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.base import CHANNELS, OUTPUTS, RATES, THERMOMETERS, BoolArray, FloatArray, InputError
+from bench.base import CHANNELS, OUTPUTS, RATES, THERMOMETERS, BoolArray, FloatArray, InputError, despike
 from bench.record.chain import use
 from bench.record.dataset import Dataset, Segment
 from bench.record.earth import EARTH, earth_rate
@@ -21,6 +22,10 @@ UNKNOWN_UNIT = "unknown"
 """What an imported table calls its unit where nobody said which."""
 _SLOWEST_READING_S = 300.0
 """A channel that is read less often than this has no known value between two readings [s]."""
+_STANDS_OUT, _CHANGES, _LEAST_DEGC, _FEW = 20.0, 5.0, 5.0, 0.01
+"""A reading that stands out of its neighbours by so many robust deviations, so many times what readings usually change,
+and of a thermometer by so much, is none of what it should measure; where more of the rows do, the channel is like that.
+"""
 _STEADY_DPS = 0.1
 """A rate table whose rate differs by more than this from one second to the next accelerates [deg/s]."""
 
@@ -126,7 +131,9 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
         unit="" if manifest.unit == UNKNOWN_UNIT else manifest.unit,
         output=manifest.output,
     )
-    others = {name: values for name, values in channels.items() if name not in {*OUTPUTS, "applied_rate"}}
+    others = {name: values for name, values in channels.items() if name not in {*OUTPUTS, "applied_rate", EARTH}}
+    run = _without_outliers(run, others)
+    others = {name: run.channels[name] for name in others}
     between = {name: _between_readings(time, values, run.spacing_s) for name, values in others.items()}
     slow = {name: values for name, values in between.items() if values is not None}
     if not slow:
@@ -134,7 +141,24 @@ def _dataset(table: pa.Table, manifest: Manifest, folder: Path) -> Dataset:
     # The steps of a thermometer are those of its readings: values between them would hide them.
     step = run.temperature_step if "temperature" in slow else None
     counts = {n: np.where(np.isfinite(v), np.maximum(run.count(n), 1.0), 0.0) for n, v in slow.items()}
-    return replace(run, channels={**channels, **slow}, counts={**run.counts, **counts}, finer_step=step)
+    return replace(run, channels={**run.channels, **slow}, counts={**run.counts, **counts}, finer_step=step)
+
+
+def _without_outliers(run: Dataset, channels: Iterable[str]) -> Dataset:
+    """The run without single readings of these channels that stand out: a sensor that answers with a code of its own, a
+    digit that was lost on the way.
+    """
+    kept, outliers = dict(run.channels), dict[str, int]()
+    for name in channels:
+        values, known = run.channels[name], np.isfinite(run.channels[name])
+        if known.sum() < 2:
+            continue
+        usual = _CHANGES * float(np.quantile(np.abs(np.diff(values[known])), 0.9))
+        least = max(usual, _LEAST_DEGC if CHANNELS[name].unit == "degC" else 0.0)
+        out = known & ~despike(values, _STANDS_OUT, least)
+        if 0 < (count := int(out.sum())) <= _FEW * len(run):
+            kept[name], outliers[name] = np.where(out, np.nan, values), count
+    return replace(run, channels=kept, outliers=outliers) if outliers else run
 
 
 def _between_readings(time: FloatArray, values: FloatArray, spacing_s: float) -> FloatArray | None:

@@ -107,13 +107,13 @@ def test_no_branch_of_a_slow_log_is_left_out(tmp_path):
     assert len(means) == len(time)
 
 
-def warmed(tmp_path, rows, *, step=0.001, failed=()):
+def warmed(tmp_path, rows, *, step=0.001, failed=(), wrong=()):
     """Means of 30 s of a log with a row a second whose thermometer reads in `rows`; a bath heats with two time
-    constants of 20 minutes.
+    constants of 20 minutes. In rows that are `wrong` it answers with -127 degC.
     """
     time = np.arange(0.0, 3 * 3600.0)
     degc = 80.0 - 100.0 * (1.0 + time / 1200.0) * np.exp(-time / 1200.0)
-    read = step * np.round(degc / step)
+    read = np.where(np.isin(time, wrong), -127.0, step * np.round(degc / step))
     cells = [f"{c:.3f}" if n in rows and n not in failed else "" for n, c in enumerate(read)]
     body = "\n".join(f"{t:g},{c:.6f},{cell}" for t, c, cell in zip(time, degc, cells, strict=True))
     path = write(tmp_path, f"time_s,rate_dph,temp_C\n{body}\n")
@@ -136,6 +136,15 @@ def test_readings_that_fail_leave_a_gap_and_steps_of_a_slow_thermometer_are_foun
     assert np.isnan(means.channel("temperature")[gap]).all()
     assert np.isfinite(means.channel("temperature")[~gap]).mean() > 0.98
     assert means.temperature_step == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("every_s", [1, 60])
+def test_readings_of_a_thermometer_that_are_none_of_a_temperature_are_left_out_and_counted(tmp_path, every_s):
+    wrong = (600, 1800, 1980, 7200)
+    means = warmed(tmp_path, range(0, 10801, every_s), wrong=wrong)
+    inside = means.time < 10800 - every_s - 30
+    np.testing.assert_allclose(means.channel("temperature")[inside], means.channel("rate")[inside], atol=0.1)
+    assert means.outliers == {"temperature": len(wrong)}
 
 
 def test_a_thermometer_that_is_read_every_ten_minutes_is_not_known_between(tmp_path):

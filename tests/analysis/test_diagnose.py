@@ -472,12 +472,46 @@ def test_a_channel_with_gaps_has_a_run_that_tells_its_formulas_apart(still):
         return run.with_channel("rate", run.channel("rate") + 0.15 * away**2)
 
     run, check = of(3), of(4)
-    run.channels["supply"][[*range(50, 56), *range(200, 207)]] = np.nan
+    known = np.isin(np.arange(len(run)), [*range(50, 56), *range(200, 207)], invert=True)
+    run = run.with_channel("supply", np.where(known, run.channel("supply"), np.nan))
     answer = diagnose([run], SPLINE, static=still, check=[check], candidates=FEW)
     best = answer.leading
     assert best.formula.startswith("k * (supply - ")
     proposal = next_experiment(answer, [run], check=[check], static=still)
     assert proposal.separates == (best.formula, *best.equivalent)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("channel", "gaps"), [("supply", 24), ("humidity", 2)])
+def test_what_acts_through_a_channel_with_gaps_is_found(still, channel, gaps):
+    """Supply is a channel that the catalogue needs, humidity is one that only formulas know."""
+
+    def of(seed):
+        run = hidden_run(profile="short", seed=seed)
+        values = run.channel("supply")
+        acts = run.channel("rate") + 0.2 * (values - values.mean()) / values.std()
+        others = {name: column for name, column in run.channels.items() if name != "supply"}
+        return replace(run, channels={**others, "rate": acts, channel: values})
+
+    run, check = of(3), of(4)
+    rows = np.add.outer(np.linspace(5, len(run) - 5, gaps).astype(int), np.arange(3)).ravel()
+    known = np.isin(np.arange(len(run)), rows, invert=True)
+    run = run.with_channel(channel, np.where(known, run.channel(channel), np.nan))
+    answer = diagnose([run], SPLINE, static=still, check=[check], candidates=FEW)
+    if channel == "supply":
+        assert answer.sentence.startswith("Missing: supply_voltage (k ")
+    else:
+        assert answer.leading.formula.startswith("k * (humidity - ")
+    assert f"rows with gaps in a channel, left out: {len(rows)}" in answer.notes
+
+
+@pytest.mark.slow
+def test_a_channel_that_is_mostly_gaps_is_not_looked_at_and_told(still):
+    run = hidden_run(profile="short", seed=3)
+    some = np.where(np.arange(len(run)) % 2, run.channel("quadrature"), np.nan)
+    answer = diagnose([run.with_channel("humidity", some)], SPLINE, static=still, candidates=FEW)
+    assert f"{run.name}: channel 'humidity' has values in only 50 % of the rows" in answer.notes
+    assert not any("left out" in note for note in answer.notes)
 
 
 @pytest.mark.slow

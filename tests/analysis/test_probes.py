@@ -6,8 +6,8 @@ from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.probes import examine, noise_test, usual
 from bench.analysis.noise.estimate import Noise
 from bench.analysis.noise.likelihood import NoiseLattice, Record, Surface
-from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.whitening import covariance
+from bench.base.spikes import despike
 
 NOISE = Noise(0.01, 0.03, 0.03)
 ROWS = 600

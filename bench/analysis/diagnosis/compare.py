@@ -19,9 +19,8 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.noise.spikes import despike
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
-from bench.base import BoolArray, FloatArray, InputError, IntArray, shared, usual_workers
+from bench.base import BoolArray, FloatArray, InputError, IntArray, despike, shared, usual_workers
 from bench.record import Dataset, refuse_mixed
 
 ROTATION = "scale factor"

@@ -42,7 +42,6 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import Noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.noise.spikes import despike
 from bench.analysis.thresholds import (
     ADEQUATE_RATIO,
     EXPLAINED_RATIO,
@@ -53,7 +52,7 @@ from bench.analysis.thresholds import (
     PROVED_FALL,
     TIE,
 )
-from bench.base import FloatArray, InputError, number, usual_workers
+from bench.base import FloatArray, InputError, despike, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
 _LEAST_INTERVALS = 12
@@ -161,6 +160,7 @@ class _Case:
         rows = fit_rows(fit.model, runs, kept)
         layout = Layout(rows, np.array(list(fit.theta.values())), still, others)
         layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
+        notes += offered.notes
         layout, noise = levelled(layout)
         floor = floor_dph
         if floor is None or not np.isfinite(floor):

@@ -181,7 +181,7 @@ def _between(
     limits = limits or chamber_limits(runs)
     with one_blas_thread():
         layout = _layout(replace(best.model, effects=best.model.effects[:-1]), runs, static)
-        layout = without_gaps(layout, [rival.effect for rival in best.rivals])
+        layout = without_gaps(layout, {channel for rival in best.rivals for channel in rival.effect.needs})
         rivals = Discrimination(layout, best.rivals, best.point).unlike(minor_loops(limits), _MOST_RIVALS)
         return propose(layout, rivals, best.point, limits)
 

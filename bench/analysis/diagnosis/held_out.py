@@ -15,10 +15,9 @@ from bench.analysis.effects.base import Effect, Theta
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.fit.solve import Solution, left_out, solve
-from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
-from bench.base import BoolArray, FloatArray, InputError
+from bench.base import BoolArray, FloatArray, InputError, despike
 from bench.record import Dataset
 
 

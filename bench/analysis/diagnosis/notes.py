@@ -41,8 +41,10 @@ def constants(base: Unseen, rms_dph: float, runs: Sequence[Dataset]) -> tuple[st
 
 
 def of_runs(runs: Sequence[Dataset], fit: Fit) -> tuple[str, ...]:
-    """Notes of what the runs cannot tell: across a pause, where a compressor switches, of the model's parameters."""
-    return (*_pauses(runs), *switching(runs), *_on_bounds(fit))
+    """Notes of what was left out of the runs, and of what these cannot tell: across a pause, where a compressor
+    switches, of the model's parameters.
+    """
+    return (*_outliers(runs), *_pauses(runs), *switching(runs), *_on_bounds(fit))
 
 
 def of_answer(answer: Diagnosis) -> tuple[str, ...]:
@@ -70,6 +72,14 @@ def _on_bounds(fit: Fit) -> tuple[str, ...]:
     """A note for each parameter of the model that lies on an end of its range."""
     why = "not determined, or the effect has a wrong option"
     return tuple(f"{key} of the model is on its bound, {number(fit.theta[key])}: {why}" for key in fit.on_bound)
+
+
+def _outliers(runs: Sequence[Dataset]) -> tuple[str, ...]:
+    """How many readings of a channel were left out, as they stand out."""
+    return tuple(
+        f"{run.name}: {count} readings of channel '{name}' stand out of all others, and were left out"
+        for run in runs for name, count in run.outliers.items()
+    )  # fmt: skip
 
 
 def _pauses(runs: Sequence[Dataset]) -> tuple[str, ...]:

@@ -11,10 +11,9 @@ import numpy as np
 from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import Record
-from bench.analysis.noise.spikes import despike
 from bench.analysis.noise.turning import at_rest, scale_columns
-from bench.analysis.thresholds import LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
-from bench.base import FloatArray, InputError, IntArray
+from bench.analysis.thresholds import LEAST_PRESENT, LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
+from bench.base import FloatArray, InputError, IntArray, despike
 from bench.record import Dataset
 
 _SETTLES_S = 900.0  # of its first part: warm-up and gradients that the thermometer does not see
@@ -65,6 +64,12 @@ class Still:
         record = self.record
         white = float(np.std(record.steps(self.means.interval_s))) / np.sqrt(2.0)
         basis = orthonormal(record.X)
-        own = [term[self.rows] for term in terms]
-        moving = [term for term in own if np.all(np.isfinite(term)) and np.std(outside(basis, term)) > _MOVES * white]
+        own = [_filled(record.time_s, term[self.rows]) for term in terms]
+        moving = [term for term in own if np.std(outside(basis, term)) > _MOVES * white]
         return replace(record, X=np.column_stack([record.X, *moving])) if moving else record
+
+
+def _filled(time_s: FloatArray, term: FloatArray) -> FloatArray:
+    """A term (n,) with straight lines over gaps of its channel; zeros where most of it is gaps."""
+    known = np.isfinite(term)
+    return np.interp(time_s, time_s[known], term[known]) if np.mean(known) >= LEAST_PRESENT else np.zeros(len(term))

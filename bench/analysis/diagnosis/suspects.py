@@ -6,7 +6,7 @@ temperature. The model's own nonlinear parameters take part through the slopes o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -298,6 +298,8 @@ class Offer:
     effects: Mapping[str, Effect]
     refused: Mapping[str, str]
     alike: frozenset[str] = frozenset()
+    notes: tuple[str, ...] = ()
+    """How many rows are left out for gaps, and which channels have too many that no effect needs."""
 
     def candidates(self, layout: Layout) -> list[Candidate]:
         """All that the layout's model does not have yet."""
@@ -328,51 +330,71 @@ def _spline(records: Sequence[Dataset]) -> tuple[Effect, ...]:
 def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
     """Candidates for these effects, in all their shapes, and the layout without rows in which their channels have gaps.
 
-    An effect whose channel is missing, constant or mostly gaps is refused with the reason.
+    An effect whose channel is missing, constant or has many gaps is refused with the reason.
     """
     taken: dict[str, Effect] = {}
     refused: dict[str, str] = {}
     alike: set[str] = set()
+    needed = {channel for effect in wanted for channel in effect.needs}
+    seen = {c for c in _CHANNELS if all(c in record.channels for record in layout.rows.records)}
+    absent = _absent(layout, sorted(needed | seen))
     for effect in wanted:
-        reason = _absent(layout, effect)
-        if reason:
-            refused[effect.name] = reason
+        reasons = [absent[channel] for channel in effect.needs if channel in absent]
+        if reasons:
+            refused[effect.name] = reasons[0]
             continue
         for i, shape in enumerate(effect.suited(layout.rows.records).shapes()):
             taken[effect.name if i == 0 else f"{effect.name} {i + 1}"] = shape
             if i == 0 and layout.still and shape.by_clock and not shape.parameters and len(shape.amplitudes) == 1:
                 alike.add(name := f"{effect.name} in every run")
                 taken[name] = shape
-    ready = without_gaps(layout, list(taken.values()))
+    ready = without_gaps(layout, {c for effect in taken.values() for c in effect.needs} | seen.difference(absent))
     for name, effect in list(taken.items()):
         try:
             ready.candidate(effect, name)
         except InputError as error:
             del taken[name]
             refused.setdefault(effect.name, str(error))
-    return ready, Offer(taken, refused, frozenset(alike))
+    gaps = len(layout.problem.y) - len(ready.problem.y)
+    notes = [f"rows with gaps in a channel, left out: {gaps}"] if gaps else []
+    notes += [absent[channel] for channel in sorted(seen - needed) if channel in absent]
+    return ready, Offer(taken, refused, frozenset(alike), tuple(notes))
 
 
-def without_gaps(layout: Layout, effects: Sequence[Effect]) -> Layout:
-    """The layout without rows in which channels of these effects have gaps."""
-    needs = {channel for effect in effects for channel in effect.needs}
+def without_gaps(layout: Layout, channels: Collection[str]) -> Layout:
+    """The layout without rows in which one of these channels has a gap."""
     masks = tuple(
-        mask & np.all([np.isfinite(r.channel(c)) for c in needs], axis=0) if needs else mask
+        mask & np.all([np.isfinite(r.channel(c)) for c in channels], axis=0) if channels else mask
         for r, mask in zip(layout.rows.records, layout.rows.masks, strict=True)
     )
     return replace(layout, rows=replace(layout.rows, masks=masks))
 
 
-def _absent(layout: Layout, effect: Effect) -> str:
-    """Why the channels of an effect do not allow it, or nothing."""
-    for channel in effect.needs:
-        for record, mask in zip(layout.rows.records, layout.rows.masks, strict=True):
-            if channel not in record.channels:
-                return f"{record.name} has no channel '{channel}'"
-            present = float(np.mean(np.isfinite(record.channels[channel][mask])))
-            if present < LEAST_PRESENT:
-                return f"{record.name}: channel '{channel}' has values in only {100 * present:.0f} % of the rows"
-    return ""
+def _absent(layout: Layout, channels: Sequence[str]) -> dict[str, str]:
+    """Why the rows do not allow some of the channels: they are missing or, alone or with those that have fewer, their
+    gaps leave too few rows.
+    """
+    pairs = list(zip(layout.rows.records, layout.rows.masks, strict=True))
+    reasons = {
+        channel: f"{record.name} has no channel '{channel}'"
+        for channel in channels for record, _ in reversed(pairs) if channel not in record.channels
+    }  # fmt: skip
+    known = {c: [np.isfinite(r.channels[c]) for r, _ in pairs] for c in channels if c not in reasons}
+    alone = {c: [float(np.mean(own[m])) for own, (_, m) in zip(each, pairs, strict=True)] for c, each in known.items()}
+    left = [mask for _, mask in pairs]
+    for channel in sorted(known, key=lambda c: -min(alone[c])):
+        together = [mask & own for mask, own in zip(left, known[channel], strict=True)]
+        shares = [float(np.sum(rows) / np.sum(mask)) for rows, (_, mask) in zip(together, pairs, strict=True)]
+        place = int(np.argmin(shares))
+        if shares[place] >= LEAST_PRESENT:
+            left = together
+            continue
+        own = alone[channel][place] < LEAST_PRESENT
+        share, words = (alone[channel][place], "") if own else (shares[place], " beside those of other channels")
+        reasons[channel] = (
+            f"{pairs[place][0].name}: channel '{channel}' has values{words} in only {100 * share:.0f} % of the rows"
+        )
+    return reasons
 
 
 def resolved(layout: Layout, floor_dph: float) -> Layout:
