@@ -53,6 +53,7 @@ from .spelling import closest as closest
 from .spelling import nearest as nearest
 from .spelling import nearest_or_all as nearest_or_all
 from .spikes import despike as despike
+from .spikes import deviation as deviation
 from .versions import __version__ as __version__
 from .versions import package_versions as package_versions
 from .yaml12 import Document as Document

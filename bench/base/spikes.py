@@ -15,17 +15,28 @@ def despike(residual: FloatArray, limit: float = 6.0, least: float = 0.0) -> Boo
 
     For the residual of the present model, before anything else: a few spikes make a run look noisier than it is. The
     limit is 4.4 standard deviations of white noise, as half of the rows are near the median of their neighbours. A step
-    or a slow error is not a spike. Where an error changes by more than its noise from row to row, most rows are the
-    median of their neighbours: the noise is that of the second differences then. What is no further from them than
-    `least` is none either.
+    or a slow error is not a spike, nor what is no further from its neighbours than `least`.
     """
     keep = np.isfinite(residual)
     known = residual[keep]
     if known.size < 5:
         return keep
-    around = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(known, 2, mode="reflect"), 5), axis=1)
-    off = known - around
-    deviation = 1.4826 * max(float(np.median(np.abs(off))), _BENT * float(np.median(np.abs(np.diff(known, 2)))))
-    if most := max(limit * deviation, least):
+    off = known - _around(known)
+    if most := max(limit * deviation(known), least):
         keep[keep] = np.abs(off) <= most
     return keep
+
+
+def deviation(known: FloatArray) -> float:
+    """Robust deviation of values (n,) without gaps, at least 5, from the median of five neighbours.
+
+    Where they change by more than their noise from one to the next, most are the median of their neighbours: it is
+    that of the second differences then.
+    """
+    off = np.abs(known - _around(known))
+    return 1.4826 * max(float(np.median(off)), _BENT * float(np.median(np.abs(np.diff(known, 2)))))
+
+
+def _around(known: FloatArray) -> FloatArray:
+    """Median (n,) of each value's five neighbours."""
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(np.pad(known, 2, mode="reflect"), 5), axis=1))

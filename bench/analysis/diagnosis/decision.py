@@ -115,7 +115,9 @@ def with_formulas(
         return replace(answer, suspects=(first, *others))
     if instead or answer.verdict in {"adequate", "undecided"}:
         beside = formulas[0].beside
-        near = [suspect for suspect in answer.found if suspect.proved] or answer.found
+        near = [suspect for suspect in answer.found if suspect.proved] or [
+            suspect for suspect in answer.found if suspect.proof.falls is not False
+        ]
         nearest = answer.nearest or (near[0].effect if near and not beside else "")
         if beside and nearest not in beside:
             nearest = ""

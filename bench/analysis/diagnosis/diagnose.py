@@ -17,12 +17,21 @@ from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, deci
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.evidence import Evidence
-from bench.analysis.diagnosis.held_out import Unseen, unseen, without_pauses, without_spikes
+from bench.analysis.diagnosis.held_out import Unseen, unseen, without, without_pauses, without_spikes
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
 from bench.analysis.diagnosis.needless import needless
-from bench.analysis.diagnosis.notes import bound_notes, constants, differ, of_answer, of_check, of_runs, slow_floor
+from bench.analysis.diagnosis.notes import (
+    bound_notes,
+    constants,
+    differ,
+    of_answer,
+    of_channels,
+    of_check,
+    of_runs,
+    slow_floor,
+)
 from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.ranking import Ranking
@@ -42,19 +51,21 @@ from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import Noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
+from bench.analysis.noise.spikes import regular
 from bench.analysis.thresholds import (
     ADEQUATE_RATIO,
     EXPLAINED_RATIO,
     FORMULA_EVIDENCE,
     LEAST_DIAGNOSED_ROWS,
+    NAMED_FALL,
     NEAREST_RATIO,
-    PROVED_DEVIATIONS,
     PROVED_FALL,
     TIE,
 )
 from bench.base import FloatArray, InputError, despike, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
+_MOST_DISTURBED = 6  # stretches of all runs that are left out
 _LEAST_INTERVALS = 12
 """Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
@@ -137,8 +148,8 @@ class _Case:
             notes.append(f"the model is meant for '{model.rows}' rows; for the diagnosis it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
-        fit, finer = _fitted(replace(model, rows="all"), runs)
-        notes += finer
+        runs, fit, fitting = _undisturbed(replace(model, rows="all"), runs)
+        notes += fitting
         plain = [despike(r) for r in fit.residuals]
         kept = [own & ~after_pauses(run) for own, run in zip(plain, runs, strict=True)]
         count, interval_s = sum(int(np.isfinite(r).sum()) for r in fit.residuals), runs[0].interval_s
@@ -241,7 +252,7 @@ class _Case:
         answer = with_formulas(answer, formulas, self._expected(floor_dph), instead=instead)
         left_dph = improved.rms_dph if answer.leading is None else answer.leading.held_out_rms_dph
         notes = answer.notes if floor_note else (*answer.notes, *bound_notes(floor_dph, left_dph))
-        answer = replace(answer, notes=(*notes, *of_answer(answer)))
+        answer = replace(answer, notes=(*notes, *of_channels(self.layout, answer), *of_answer(answer)))
         apart_dph = base.apart_dph if differ(base, self.fit.rms_dph) else np.nan
         return replace(answer, sentence=sentence(answer, explained.drifts, decision.why, apart_dph))
 
@@ -376,15 +387,16 @@ class _Case:
 
 
 def borne_out(one: DescribedFormula) -> bool:
-    """Whether a formula is told: unseen data prove it; or nothing speaks against it, which are unseen data that
-    contradict it and a caution, and the fitted runs are certain of it where its fall on unseen data may be chance; or
-    the fitted runs have evidence of it and that of check runs is strong, while their error, which their slow noise
-    moves, does not rise beyond chance.
+    """Whether a formula is told: the fitted runs do not speak against it, and unseen data prove it; or nothing else
+    does, which are unseen data that contradict it and a caution, and the fitted runs are certain of it where its fall
+    on unseen data may be chance; or the fitted runs have evidence of it and that of check runs is strong, while their
+    error, which their slow noise moves, falls beyond what heads no answer.
     """
     proof = one.proof
     certain = one.evidence > _CERTAIN and proof.falls_by(PROVED_FALL, 0.0)
-    strong = one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and proof.deviations > -PROVED_DEVIATIONS
-    return bool(proof.proved) or ((proof.falls is not False or certain) and not one.caution) or strong
+    strong = one.evidence > 0.0 and one.borne > FORMULA_EVIDENCE and proof.fall > NAMED_FALL
+    whole = (proof.falls is not False or certain) and not one.caution
+    return one.evidence > -TIE and (bool(proof.proved) or whole or strong)
 
 
 def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormula, ...]:
@@ -393,6 +405,27 @@ def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormu
     tied = (one for one, evidence in zip(formulas, known, strict=True) if evidence > known[0] - TIE)
     first = next((one for one in tied if one.proof.proved is not False), None)
     return formulas if first is None else (first, *(one for one in formulas if one is not first))
+
+
+def _undisturbed(model: Model, runs: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], Fit, list[str]]:
+    """The runs without stretches that stand out of what the model leaves, its fit to them, and the notes of both.
+
+    The worst one at a time: a curve that follows it in part stands out elsewhere.
+    """
+    disturbed = list[str]()
+    while True:
+        fit, finer = _fitted(model, runs)
+        each = zip(runs, fit.residuals, strict=True)
+        found = [(one, place) for place, own in enumerate(each) for one in regular(*own)[1]]
+        if not found:
+            return runs, fit, [*finer, *disturbed]
+        (first, end, height), place = max(found, key=lambda each: abs(each[0].height))
+        run, rows = runs[place], np.arange(len(runs[place]))
+        text = (
+            f"{run.name} from {run.time[first]:.0f} to {run.time[end - 1]:.0f} s stands out by {number(height)} deg/h"
+        )
+        disturbed.append(f"{text}, and no channel moves with it: left out")
+        runs = (*runs[:place], without(run, (rows >= first) & (rows < end)), *runs[place + 1 :])
 
 
 def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:

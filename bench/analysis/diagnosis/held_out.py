@@ -15,9 +15,10 @@ from bench.analysis.effects.base import Effect, Theta
 from bench.analysis.fit.design import Bound, FitRows
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.fit.solve import Solution, left_out, solve
+from bench.analysis.noise.spikes import regular
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
-from bench.base import BoolArray, FloatArray, InputError, despike
+from bench.base import BoolArray, FloatArray, InputError
 from bench.record import Dataset
 
 
@@ -120,27 +121,29 @@ def removed(before_dph: float, after_dph: float, floor_dph: float) -> float:
 
 def acts(effect: Effect, theta: Theta, check: Sequence[Dataset]) -> bool:
     """Whether a prepared effect moves in any check run: a jump that happened once does not."""
-    return effect.moves_abscissa or any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in check)
+    able = [run for run in check if all(channel in run.channels for channel in effect.needs)]
+    return effect.moves_abscissa or any(bool(np.ptp(effect.columns(run, theta), axis=0).any()) for run in able)
 
 
 def without_spikes(fit: Fit, check: Dataset) -> Dataset:
-    """A check run without the means that stand out of what the fit leaves: as in the fitted runs, they are no error of
-    a model.
+    """A check run without the means, and short stretches, that stand out of what the fit leaves: as in the fitted runs,
+    they are no error of a model.
     """
     try:
         left = _residual(fit.bound, check, fit.beta)
     except InputError:  # which every score of this run will tell
         return check
-    return _without(check, np.isfinite(left) & ~despike(left))
+    return without(check, np.isfinite(left) & ~regular(check, left)[0])
 
 
 def without_pauses(check: Dataset) -> Dataset:
     """A check run without the rows after its pauses, as the fitted runs."""
-    return _without(check, after_pauses(check))
+    return without(check, after_pauses(check))
 
 
-def _without(check: Dataset, rows: BoolArray) -> Dataset:
-    return check.with_channel("rate", np.where(rows, np.nan, check.channel("rate"))) if rows.any() else check
+def without(run: Dataset, rows: BoolArray) -> Dataset:
+    """A run without the rate of some rows (n,)."""
+    return run.with_channel("rate", np.where(rows, np.nan, run.channel("rate"))) if rows.any() else run
 
 
 def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from bench.analysis.diagnosis.candidates import Problem
 from bench.analysis.diagnosis.decision import bound_only
 from bench.analysis.diagnosis.held_out import Unseen
 from bench.analysis.diagnosis.pieces import pauses
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect, options_of
 from bench.analysis.effects.catalogue import suspected
@@ -22,6 +23,7 @@ from bench.record import Dataset
 _UNLIKE = 5.0  # of the error in the fitted rows: a check run with more is more likely a wrong one
 _SLOW = 2.0  # times its white part: most of a noise floor is slow
 _SWITCHING = 0.02  # variance within means, of 0.25 at most
+_UNSTEADY = 0.05  # of a channel's variance: a size comes out too small by about as much, by more beside slow noise
 _SETTLES = ("thermal_lag", "thermometer_lag", "creep")  # effects whose state at the start of a run is taken as settled
 _OUTSIDE = 0.02  # of a check run: more of it at temperatures that were not fitted is worth a note
 
@@ -102,6 +104,25 @@ def switching(runs: Sequence[Dataset]) -> tuple[str, ...]:
             text = f"the compressor switches within the means of {run.interval_s:g} s"
             return (f"{text}: an effect that follows it so fast is averaged away, and not seen here",)
     return ()
+
+
+def of_channels(layout: Layout, answer: Diagnosis) -> tuple[str, ...]:
+    """A note for each channel of what is named that changes much from row to row, as noise and coarse steps do."""
+    best = answer.leading
+    named = [one.effect for one in answer.found]
+    needs = {channel for name in named for channel in effects.make(name).needs}
+    needs |= set(best.model.effects[-1].needs) if best else set()
+    notes = []
+    for name in sorted((needs & set(layout.further)) - {"compressor"}):
+        values = layout.stacked([run.channel(name) for run in layout.rows.records])
+        share = float(np.mean(np.diff(values, 2) ** 2)) / 6.0 / max(float(np.var(layout.beyond(values))), 1e-300)
+        if share > _UNSTEADY:
+            notes.append(
+                f"{100.0 * min(share, 1.0):.0f} % of what channel '{name}' does beside the model changes from row to "
+                "row: if that is noise or steps of its own, sizes of what acts through it are too small, and a lag "
+                "that smooths it looks like a memory"
+            )
+    return tuple(notes)
 
 
 def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:

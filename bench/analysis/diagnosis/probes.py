@@ -139,18 +139,19 @@ def noise_test(problem: Problem, lattice: NoiseLattice, point: Point) -> Finding
     """Test whether the run has the noise of the isothermal records, or less slow noise: nothing is missing then."""
     found = unlike(problem.records()[:1], problem.statics, lattice, point)
     note = f"white noise of the run is {found.whiter:.2f} times that of the isothermal run"
-    p = chi2_tail(found.statistic, UNLIKE_FREEDOM) if found.slower > 1.0 or found.whiter > 1.0 else 1.0
+    p = chi2_tail(found.statistic, UNLIKE_FREEDOM) if found.slower > 1.0 or found.noisier > 1.0 else 1.0
     return Finding("noise", p, found.statistic, UNLIKE_FREEDOM, np.zeros(len(problem.y)), note=note)
 
 
 class Unlike(NamedTuple):
-    """Likelihood ratio of two noises against one, chi-squared with UNLIKE_FREEDOM; white and slow noise of the first
-    over those of the second (standard deviations, of slow noise over the time of the first).
+    """Likelihood ratio of two noises against one, chi-squared with UNLIKE_FREEDOM; white, slow and all noise of the
+    first over those of the second (standard deviations, of slow noise over the time of the first).
     """
 
     statistic: float
     whiter: float
     slower: float
+    noisier: float
 
 
 def unlike(one: Sequence[Record], other: Sequence[Record], lattice: NoiseLattice, start: Point | None = None) -> Unlike:
@@ -169,16 +170,18 @@ def unlike(one: Sequence[Record], other: Sequence[Record], lattice: NoiseLattice
     records = (*one, *other)
     together, best = lowest(records, lattice)
     joint, at = together.height(best), best if start is None else start
-    alone, white, slow = [], [], []
+    alone, whites, slows = [], [], []
     hours = float(np.ptp(one[0].time_s)) / 3600.0
     for part, offset in ((one, 0), (other, len(one))):
         surface, best = lowest(part, lattice.part(offset, len(part)))
         alone.append(surface.height(best))
-        white.append(surface.known[best][1])
+        whites.append(surface.known[best][1])
         ratios = lattice.ratios(best)
-        slow.append(white[-1] * (ratios.flicker + ratios.walk * hours / 6.0))  # a walk's variance about its mean
+        slows.append(whites[-1] * (ratios.flicker + ratios.walk * hours / 6.0))  # a walk's variance about its mean
     statistic = max(0.0, joint - sum(alone)) / _heaviness(records, lattice, at)
-    return Unlike(statistic, float(np.sqrt(white[0] / white[1])), float(np.sqrt(slow[0] / max(slow[1], 1e-300))))
+    white, slow = np.array(whites), np.array(slows)
+    whiter, slower, noisier = (float(np.sqrt(own[0] / max(own[1], 1e-300))) for own in (white, slow, white + slow))
+    return Unlike(statistic, whiter, slower, noisier)
 
 
 def _heaviness(records: Sequence[Record], lattice: NoiseLattice, point: Point) -> float:

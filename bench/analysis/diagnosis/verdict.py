@@ -241,7 +241,10 @@ class Search:
         tied = [one for one in enough if one.evidence >= enough[0].evidence - TIE]
         best = next((one for one in tied if not one.on_bound), enough[0])
         known = told(layout, self.offer, self.check, evidence) if self.check and (alone or len(tied) > 1) else []
-        rivals = [(one, own) for one, own in known if not one.on_bound and (alone or one in tied)]
+        rivals = [
+            (one, own) for one, own in known
+            if not one.on_bound and (alone or one in tied) and (one is best or own > self.threshold)
+        ]  # fmt: skip
         if best not in [one for one, _ in rivals]:
             return best
         most = max(own for _, own in rivals)

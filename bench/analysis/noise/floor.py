@@ -84,7 +84,7 @@ def noise_floor(
     per_mean = max(1, round(interval_s / base_s))
     pieces = [_on_grid(source, rows) for source, _, rows in stretches]
     quiet, lines = zip(*(without_lines(piece.rate, base_s) for piece in pieces), strict=True)
-    spikes = [spiky(rate, per_mean) for rate in quiet]
+    spikes = [spiky(rate, per_mean, base_s) for rate in quiet]
     try:
         parts = zip(pieces, quiet, spikes, strict=True)
         estimate = estimate_noise([replace(p, rate=rate).without(gone) for p, rate, gone in parts], base_s)
