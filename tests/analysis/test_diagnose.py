@@ -515,6 +515,44 @@ def test_a_channel_that_is_mostly_gaps_is_not_looked_at_and_told(still):
 
 
 @pytest.mark.slow
+def test_an_isothermal_run_that_was_disturbed_tells_the_noise_all_the_same(still):
+    """Somebody leant on the chamber for ten minutes: the floor was 24 times the residual, and "the run drifts more"."""
+    run = hidden_run(profile="short", seed=3)
+    leant = still.with_channel("rate", still.channel("rate") + 3.0 * (np.abs(np.arange(len(still)) - 120) < 10))
+    plain, answer = (diagnose([run], SPLINE, static=one, candidates=FEW) for one in (still, leant))
+    assert (answer.verdict, answer.noise_finding) == (plain.verdict, plain.noise_finding) == ("adequate", "")
+    assert answer.floor_dph == pytest.approx(plain.floor_dph, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_disturbance_of_the_run_neither_hides_an_effect_nor_is_one(still):
+    unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(2.0, "two_rates")
+    run, check = unit.run("two_rates", seed=1), unit.run("two_rates", seed=2)
+    away = 5.0 * ((run.time > 3000.0) & (run.time < 3400.0))
+    answer = diagnose(
+        [run.with_channel("rate", run.channel("rate") + away)], SPLINE, check=[check], static=still, candidates=FEW
+    )
+    assert [suspect.effect for suspect in answer.named] == ["temperature_rate"]
+    (told,) = [note for note in answer.notes if "no channel moves with it" in note]
+    first, last = (float(found) for found in re.search(r"from (\d+) to (\d+) s stands out", told).groups())
+    assert (first, last) == (pytest.approx(3000.0, abs=90.0), pytest.approx(3400.0, abs=90.0))
+
+
+@pytest.mark.slow
+def test_a_check_run_without_a_channel_does_not_judge_what_acts_through_it(still):
+    def of(seed):
+        run = hidden_run(profile="short", seed=seed)
+        supply = run.channel("supply")
+        return run.with_channel("rate", run.channel("rate") + 0.2 * (supply - supply.mean()) / supply.std())
+
+    check = of(4)
+    check = replace(check, channels={name: own for name, own in check.channels.items() if name != "supply"})
+    answer = diagnose([of(3)], SPLINE, static=still, check=[check], candidates=FEW)
+    assert answer.sentence.startswith("Suspected, not proved: supply_voltage (k ")
+    assert "channel 'supply' [V] is missing" in answer.sentence
+
+
+@pytest.mark.slow
 def test_runs_of_sister_units_tell_a_slow_cause_from_the_noise(still):
     """One isothermal run leaves open how the noise drifts: ageing as large as the noise hides in it."""
     run = HiddenUnit(({"mechanism": "aging"},)).at_strength(1.0).run("two_rates", seed=5)

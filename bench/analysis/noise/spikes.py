@@ -92,7 +92,8 @@ def _with(residual: FloatArray, channel: FloatArray, one: Stretch) -> bool:
         return False
     low, high = np.quantile(known, [0.1, 0.9])
     alike = residual[~inside & (channel >= low) & (channel <= high) & np.isfinite(residual)]
-    return alike.size < _BESIDE or bool(np.mean(alike * np.sign(one.height) > _BACK * abs(one.height)) > _SHARE)
+    off = (alike - np.nanmedian(residual)) * np.sign(one.height)
+    return alike.size < _BESIDE or bool(np.mean(off > _BACK * abs(one.height)) > _SHARE)
 
 
 def _beside(stretches: Sequence[Stretch], rows: int) -> BoolArray:
