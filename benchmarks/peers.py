@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.diagnosis.candidates import orthonormal
-from bench.analysis.diagnosis.suspects import Layout, catalogued, offer
+from bench.analysis.diagnosis.offer import catalogued, offer
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import fit_rows
 from bench.base.channels import FloatArray

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from bench.analysis.diagnosis.evidence import weigh
-from bench.analysis.diagnosis.suspects import Layout, offer
+from bench.analysis.diagnosis.offer import offer
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.example import example
 from bench.analysis.effects.model import Model

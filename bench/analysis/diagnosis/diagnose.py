@@ -17,7 +17,8 @@ from bench.analysis.diagnosis.decision import DRIFTS, Decision, bound_only, deci
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.describing import Describer
 from bench.analysis.diagnosis.evidence import Evidence
-from bench.analysis.diagnosis.held_out import Unseen, unseen, without, without_pauses, without_spikes
+from bench.analysis.diagnosis.first_fit import first_fit
+from bench.analysis.diagnosis.held_out import Unseen, unseen, without_pauses, without_spikes
 from bench.analysis.diagnosis.kernel import kernel_of
 from bench.analysis.diagnosis.levelling import levelled
 from bench.analysis.diagnosis.limits import Smallest, smallest
@@ -32,6 +33,7 @@ from bench.analysis.diagnosis.notes import (
     of_runs,
     slow_floor,
 )
+from bench.analysis.diagnosis.offer import Offer, catalogued, offer
 from bench.analysis.diagnosis.pieces import after_pauses
 from bench.analysis.diagnosis.places import places, steps_places
 from bench.analysis.diagnosis.ranking import Ranking
@@ -40,18 +42,16 @@ from bench.analysis.diagnosis.sisters import sister_records
 from bench.analysis.diagnosis.slow import structure
 from bench.analysis.diagnosis.still import Still
 from bench.analysis.diagnosis.surface import RATE_OF_TEMPERATURE, ResidualSurface, channels_of, residual_surface
-from bench.analysis.diagnosis.suspects import Layout, Offer, catalogued, offer, resolved
+from bench.analysis.diagnosis.suspects import Layout, resolved
 from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
-from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.design import fit_rows
-from bench.analysis.fit.fitting import Fit, fit_model, refuse_stuck, refuse_unfit
+from bench.analysis.fit.fitting import Fit, refuse_stuck, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import Noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
 from bench.analysis.noise.likelihood import NoiseLattice, Record
-from bench.analysis.noise.spikes import regular
 from bench.analysis.thresholds import (
     ADEQUATE_RATIO,
     EXPLAINED_RATIO,
@@ -65,9 +65,6 @@ from bench.analysis.thresholds import (
 from bench.base import FloatArray, InputError, despike, number, usual_workers
 from bench.record import Dataset, refuse_mixed, refuse_twice
 
-_MOST_DISTURBED = 6  # stretches of all runs that are left out
-_LEAST_INTERVALS = 12
-"""Automatic splines get at least these: with fewer, the misfit of the curve looks like an effect."""
 SISTERS_ALONE = "isothermal runs of sister units are compared with one of the unit itself; name it (--static)"
 _CERTAIN = 3.0 * FORMULA_EVIDENCE  # evidence of a formula that chance never reached
 _LESS = 0.9  # of the noise floor: effects found that take less out of it are not in the isothermal run
@@ -148,7 +145,7 @@ class _Case:
             notes.append(f"the model is meant for '{model.rows}' rows; for the diagnosis it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
-        runs, fit, fitting = _undisturbed(replace(model, rows="all"), runs)
+        runs, fit, fitting = first_fit(replace(model, rows="all"), runs)
         notes += fitting
         plain = [despike(r) for r in fit.residuals]
         kept = [own & ~after_pauses(run) for own, run in zip(plain, runs, strict=True)]
@@ -405,46 +402,3 @@ def proved_first(formulas: tuple[DescribedFormula, ...]) -> tuple[DescribedFormu
     tied = (one for one, evidence in zip(formulas, known, strict=True) if evidence > known[0] - TIE)
     first = next((one for one in tied if one.proof.proved is not False), None)
     return formulas if first is None else (first, *(one for one in formulas if one is not first))
-
-
-def _undisturbed(model: Model, runs: tuple[Dataset, ...]) -> tuple[tuple[Dataset, ...], Fit, list[str]]:
-    """The runs without stretches that stand out of what the model leaves, its fit to them, and the notes of both.
-
-    The worst one at a time: a curve that follows it in part stands out elsewhere.
-    """
-    disturbed = list[str]()
-    while True:
-        fit, finer = _fitted(model, runs)
-        each = zip(runs, fit.residuals, strict=True)
-        found = [(one, place) for place, own in enumerate(each) for one in regular(*own)[1]]
-        if not found:
-            return runs, fit, [*finer, *disturbed]
-        (first, end, height), place = max(found, key=lambda each: abs(each[0].height))
-        run, rows = runs[place], np.arange(len(runs[place]))
-        text = (
-            f"{run.name} from {run.time[first]:.0f} to {run.time[end - 1]:.0f} s stands out by {number(height)} deg/h"
-        )
-        disturbed.append(f"{text}, and no channel moves with it: left out")
-        runs = (*runs[:place], without(run, (rows >= first) & (rows < end)), *runs[place + 1 :])
-
-
-def _fitted(model: Model, runs: Sequence[Dataset]) -> tuple[Fit, list[str]]:
-    """The fit to diagnose, with enough intervals in an automatic spline, and the note that says so."""
-    fit = fit_model(model, runs, covariance="none", weights="count")
-    finer = tuple(map(_finer, model.effects, fit.model.effects))
-    if finer == model.effects:
-        return fit, []
-    try:
-        fit = fit_model(replace(model, effects=finer), runs, covariance="none", weights="count")
-    except InputError:  # too few rows in one of the intervals
-        return fit, []
-    text = (
-        f"the automatic spline chose fewer than {_LEAST_INTERVALS} intervals; the diagnosis used {_LEAST_INTERVALS}, "
-        "because the misfit of a coarse curve looks like an effect"
-    )
-    return fit, [text]
-
-
-def _finer(asked: Effect, chosen: Effect) -> Effect:
-    coarse = isinstance(chosen, Spline) and int(chosen.intervals) < _LEAST_INTERVALS
-    return Spline(_LEAST_INTERVALS, asked.ends) if coarse and isinstance(asked, Spline) and asked.choices() else asked

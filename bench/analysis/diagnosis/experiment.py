@@ -19,6 +19,7 @@ from bench.analysis.diagnosis.answer import Diagnosis
 from bench.analysis.diagnosis.described import DescribedFormula
 from bench.analysis.diagnosis.discrimination import Discrimination, Expected
 from bench.analysis.diagnosis.evidence import weigh
+from bench.analysis.diagnosis.offer import catalogued, offer, without_gaps
 from bench.analysis.diagnosis.plan import (
     ChamberLimits,
     Plan,
@@ -32,7 +33,7 @@ from bench.analysis.diagnosis.plan import (
 )
 from bench.analysis.diagnosis.rivals import Rival
 from bench.analysis.diagnosis.still import Still
-from bench.analysis.diagnosis.suspects import Layout, catalogued, offer, without_gaps
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model

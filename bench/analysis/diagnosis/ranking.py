@@ -10,8 +10,9 @@ import numpy as np
 from bench.analysis.diagnosis.answer import SuspectedEffect, Value
 from bench.analysis.diagnosis.evidence import Evidence, Suspect
 from bench.analysis.diagnosis.held_out import removed, settled, with_suspect
+from bench.analysis.diagnosis.offer import Offer
 from bench.analysis.diagnosis.proof import LeftOut, prove
-from bench.analysis.diagnosis.suspects import Layout, Offer
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.diagnosis.verdict import RULED_OUT, Explanation, told
 from bench.analysis.effects.base import Effect, options_of
 from bench.analysis.thresholds import PREFERRED_DEVIATIONS, PREFERRED_FALL, TIE

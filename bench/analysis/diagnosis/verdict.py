@@ -17,9 +17,10 @@ from bench.analysis.diagnosis.borne import Borne
 from bench.analysis.diagnosis.candidates import Candidate
 from bench.analysis.diagnosis.evidence import Evidence, Suspect, weigh
 from bench.analysis.diagnosis.held_out import acts, settled, unseen, with_suspect
+from bench.analysis.diagnosis.offer import Offer
 from bench.analysis.diagnosis.probes import Examination, Finding, examine
 from bench.analysis.diagnosis.proof import prove
-from bench.analysis.diagnosis.suspects import Layout, Offer
+from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect
 from bench.analysis.noise.likelihood import NoiseLattice, Point, Surface
 from bench.analysis.thresholds import (

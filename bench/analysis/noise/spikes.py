@@ -22,17 +22,6 @@ _MOST, _SHARE = 3, 0.1  # stretches of one record, and its rows in them: what co
 _CERTAIN = 8.0  # robust deviations, 5.9 standard deviations: no Gaussian noise reaches them, and a floor keeps its tail
 
 
-def spiky(rate: FloatArray, rows: int, interval_s: float) -> BoolArray:
-    """Rows (n,) of `interval_s` that lie in a mean over so many `rows` that is a spike, or in means that stand out."""
-    means = np.pad(rate, (0, -len(rate) % rows), constant_values=np.nan).reshape(-1, rows)
-    known = np.isfinite(means)
-    count = known.sum(axis=1)
-    mean = np.where(count > 0, np.where(known, means, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
-    kept = despike(mean, _CERTAIN)
-    kept &= _beside(stand_out(np.where(kept, mean, np.nan), interval_s * rows), len(mean))
-    return np.repeat(np.isfinite(mean) & ~kept, rows)[: len(rate)]
-
-
 class Stretch(NamedTuple):
     """Rows `first` to before `end` of a record that stand out by `height`, in the unit of the values."""
 
@@ -78,7 +67,7 @@ def regular(run: Dataset, residual: FloatArray) -> tuple[BoolArray, list[Stretch
     channels = [values for name, values in run.channels.items() if name not in {*OUTPUTS, *ACCELERATIONS}]
     found = stand_out(plain, run.interval_s, channels := [*channels, run.dT_dt])
     found = [one for one in found if not any(_with(plain, channel, one) for channel in channels)]
-    return kept & _beside(found, len(kept)), found
+    return kept & _undisturbed(found, len(kept)), found
 
 
 def _with(residual: FloatArray, channel: FloatArray, one: Stretch) -> bool:
@@ -96,7 +85,18 @@ def _with(residual: FloatArray, channel: FloatArray, one: Stretch) -> bool:
     return alike.size < _BESIDE or bool(np.mean(off > _BACK * abs(one.height)) > _SHARE)
 
 
-def _beside(stretches: Sequence[Stretch], rows: int) -> BoolArray:
+def spiky(rate: FloatArray, rows: int, interval_s: float) -> BoolArray:
+    """Rows (n,) of `interval_s` that lie in a mean over so many `rows` that is a spike, or in means that stand out."""
+    means = np.pad(rate, (0, -len(rate) % rows), constant_values=np.nan).reshape(-1, rows)
+    known = np.isfinite(means)
+    count = known.sum(axis=1)
+    mean = np.where(count > 0, np.where(known, means, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    kept = despike(mean, _CERTAIN)
+    kept &= _undisturbed(stand_out(np.where(kept, mean, np.nan), interval_s * rows), len(mean))
+    return np.repeat(np.isfinite(mean) & ~kept, rows)[: len(rate)]
+
+
+def _undisturbed(stretches: Sequence[Stretch], rows: int) -> BoolArray:
     """Rows (n,) of so many that lie in none of the stretches."""
     kept = np.ones(rows, dtype=bool)
     for one in stretches:
@@ -119,6 +119,7 @@ def _edges(known: FloatArray, limit: float) -> list[tuple[int, float]]:
 def _moves(channel: FloatArray, row: int) -> bool:
     """Whether a channel without gaps about there changes sharply, too."""
     change = np.abs(channel[_SHARP:] - channel[:-_SHARP])
-    near = change[max(row - 1, 0) : row + 2]
-    usual = 1.4826 * float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0
+    if not np.isfinite(change).any():
+        return False
+    near, usual = change[max(row - 1, 0) : row + 2], 1.4826 * float(np.nanmedian(change))
     return bool(np.nanmax(near, initial=0.0) > max(_MOVES * usual, _SCATTER * float(np.nanstd(channel))))
