@@ -1,6 +1,7 @@
 """The engine on records of its own making: the truth integrates states at 1 s, the candidates see 30 s means."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.optimize import differential_evolution
 
 from bench.analysis.diagnosis.candidates import Candidate, Problem, joint
-from bench.analysis.diagnosis.evidence import drawn, exceeded, weigh
+from bench.analysis.diagnosis.evidence import _foremost, drawn, exceeded, weigh
 from bench.analysis.diagnosis.refine import Refiner
 from bench.analysis.effects.base import Parameter
 from bench.analysis.effects.operators import play, ramp_invariant_lag
@@ -295,3 +296,14 @@ def test_no_other_search_finds_lower_parameters():
         lambda theta: refiner.height(beyond, tuple(theta), found.point), list(bounds.values()), rng=1, maxiter=40
     )
     assert refiner.height(beyond, found.theta, found.point) < other.fun + 0.01
+
+
+@pytest.mark.parametrize(("hope", "kept"), [(40.0, ["lag 3", "lag 2", "lag"]), (15.0, ["lag 3", "lag 2"])])
+def test_the_simplest_shape_of_an_effect_is_refined_where_it_may_become_the_best(hope, kept):
+    """A plain lag was named as one that differs between heating and cooling: two shapes were ahead on the grid."""
+    named = {"lag 3": (20.0, 80.0), "lag 2": (19.0, 70.0), "lag": (5.0, hope)}
+    shapes = [
+        SimpleNamespace(candidate=SimpleNamespace(name=name, effect="lag", shift=True), rough=rough, hope=most)
+        for name, (rough, most) in named.items()
+    ]
+    assert [one.candidate.name for one in _foremost(shapes)] == kept

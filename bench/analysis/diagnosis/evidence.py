@@ -410,13 +410,15 @@ def exceeded(values: FloatArray, share: float) -> float:
 
 
 def _foremost(order: Sequence[_Scanned]) -> list[_Scanned]:
-    """Of each effect the two most promising shapes; of those that move the abscissa the second, which is mostly the
-    other sign of the first, only where it may become better.
+    """Of each effect the two most promising shapes, and the simplest; of those that move the abscissa these, which are
+    mostly the other sign of the first, only where they may become better.
     """
     kept: list[_Scanned] = []
     for each in order:
         others = [e for e in kept if e.candidate.effect == each.candidate.effect != ""]
-        if not others or (len(others) < 2 and (not each.candidate.shift or each.hope > others[0].rough > 0.0)):
+        simplest = each.candidate.name == each.candidate.effect
+        further = not each.candidate.shift or each.hope > others[0].rough > 0.0 if others else True
+        if further and (len(others) < 2 or simplest):
             kept.append(each)
     return kept
 
