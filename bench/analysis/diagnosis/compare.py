@@ -19,8 +19,9 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
+from bench.analysis.noise.spikes import regular
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
-from bench.base import BoolArray, FloatArray, InputError, IntArray, despike, shared, usual_workers
+from bench.base import BoolArray, FloatArray, InputError, IntArray, shared, usual_workers
 from bench.record import Dataset, refuse_mixed
 
 ROTATION = "scale factor"
@@ -182,7 +183,7 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
     if "temperature" not in fit.validity:
         return found
     fitted, weights = np.array(fit.validity["temperature"]), [check.count("rate") for check in checks]
-    plain = [_plain(residual) for residual in residuals]
+    plain = _plain(checks, residuals)
     return replace(found, shape_dph=visited_again(fitted, checks, plain, weights).rms_dph)
 
 
@@ -191,15 +192,15 @@ def error_of(
 ) -> HeldOut:
     """Error of residuals (n,) [deg/h] of records that the fit did not see."""
     rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
-    plain = tuple(_plain(residual) for residual in residuals)
+    plain = _plain(records, residuals)
     spikes = sum(int(np.isfinite(r).sum() - np.isfinite(p).sum()) for r, p in zip(residuals, plain, strict=True))
     without = _rms(records, plain) if spikes else rms
     return HeldOut(by, rms, interval, peak, out_of_range, spikes=spikes, plain_dph=without)
 
 
-def _plain(residual: FloatArray) -> FloatArray:
-    """A residual (n,) without the rows that are spikes."""
-    return np.where(despike(residual), residual, np.nan)
+def _plain(records: Sequence[Dataset], residuals: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    """Residuals (n,) of records without spikes, and stretches that stand out."""
+    return tuple(np.where(regular(*own)[0], own[1], np.nan) for own in zip(records, residuals, strict=True))
 
 
 def _left_out(
