@@ -31,14 +31,15 @@ def first_fit(model: Model, runs: tuple[Dataset, ...]) -> tuple[tuple[Dataset, .
         fit, finer = _fitted(model, runs)
         each = zip(runs, fit.residuals, strict=True)
         found = [(one, place) for place, own in enumerate(each) for one in regular(*own)[1]]
-        if not found:
+        if not found or len(disturbed) == _MOST_DISTURBED:
             return runs, fit, [*finer, *disturbed]
         (first, end, height), place = max(found, key=lambda each: abs(each[0].height))
         run, rows = runs[place], np.arange(len(runs[place]))
-        text = (
-            f"{run.name} from {run.time[first]:.0f} to {run.time[end - 1]:.0f} s stands out by {number(height)} deg/h"
+        text = f"{run.name} from {run.time[first]:.0f} to {run.time[end - 1]:.0f} s stands out by {number(height)} "
+        text += (
+            "deg/h, and no channel moves with it: left out here, while a fit, a comparison and a calibration have it"
         )
-        disturbed.append(f"{text}, and no channel moves with it: left out")
+        disturbed.append(f"{text} until these rows are taken out of the log")
         runs = (*runs[:place], without(run, (rows >= first) & (rows < end)), *runs[place + 1 :])
 
 
