@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.base import ACCELERATIONS, OUTPUTS, BoolArray, FloatArray, despike, deviation
+from bench.base import OUTPUTS, BoolArray, FloatArray, despike, deviation
 from bench.record import Dataset
 
 _LONGEST_S = 1200.0
@@ -64,7 +64,7 @@ def regular(run: Dataset, residual: FloatArray) -> tuple[BoolArray, list[Stretch
     """Rows (n,) of a run to keep, without spikes of a residual (n,) and stretches that stand out; and these."""
     kept = despike(residual)
     plain = np.where(kept, residual, np.nan)
-    channels = [values for name, values in run.channels.items() if name not in {*OUTPUTS, *ACCELERATIONS}]
+    channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
     found = stand_out(plain, run.interval_s, channels := [*channels, run.dT_dt])
     found = [one for one in found if not any(_with(plain, channel, one) for channel in channels)]
     return kept & _undisturbed(found, len(kept)), found
