@@ -39,6 +39,11 @@ class TemperatureRate(Effect):
         check_number(self.name, "filter_s", self.filter_s, 0.0, 36000.0)
         check_choice(self.name, "temperature_slope", self.temperature_slope, (True, False))
 
+    @property
+    def rarity(self) -> float:
+        """A lag over a curve of the bias looks like a size that grows: that is to show before it is counted."""
+        return 1.0 if self.temperature_slope else 0.0
+
     def shapes(self) -> tuple[Effect, ...]:
         """The same at any temperature, and growing with it."""
         return (self,) if self.temperature_slope else (self, replace(self, temperature_slope=True))
