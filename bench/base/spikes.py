@@ -22,7 +22,7 @@ def despike(residual: FloatArray, limit: float = 6.0, least: float = 0.0) -> Boo
     if known.size < 5:
         return keep
     off = known - _around(known)
-    if most := max(limit * deviation(known), least):
+    if most := max(limit * _scale(known, off), least):
         keep[keep] = np.abs(off) <= most
     return keep
 
@@ -33,8 +33,12 @@ def deviation(known: FloatArray) -> float:
     Where they change by more than their noise from one to the next, most are the median of their neighbours: it is
     that of the second differences then.
     """
-    off = np.abs(known - _around(known))
-    return 1.4826 * max(float(np.median(off)), _BENT * float(np.median(np.abs(np.diff(known, 2)))))
+    return _scale(known, known - _around(known))
+
+
+def _scale(known: FloatArray, off: FloatArray) -> float:
+    """The same of values that are so far `off` (n,)."""
+    return 1.4826 * max(float(np.median(np.abs(off))), _BENT * float(np.median(np.abs(np.diff(known, 2)))))
 
 
 def _around(known: FloatArray) -> FloatArray:
