@@ -20,6 +20,8 @@ LEAST_RATES = 3
 """Rates, rest among them, that a scale factor needs."""
 LEAST_INTERVAL_ROWS = 3
 """Rows in every interval of a spline."""
+LEAST_INTERVALS = 12
+"""Of an automatic spline that is diagnosed: the misfit of a coarser curve looks like an effect."""
 MOST_CONDITION = 1e12
 """Condition of the scaled columns above which their coefficients have lost all meaning."""
 ON_BOUND = 1e-3

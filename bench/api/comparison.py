@@ -99,8 +99,7 @@ class Comparison:
 
     def _notes(self) -> list[str]:
         refused = [f"not fitted: {name}: {reason}" for name, reason in self.scores.refused]
-        warned = [f"warning: {s.model.name}: {text}" for s in self.scores.scores for text in s.fit.warnings]
-        return [*refused, *warned]
+        return [*refused, *(f"warning: {text}" for text in self.scores.warnings)]
 
 
 def compare(

@@ -21,6 +21,7 @@ from .chain import unproven as unproven
 from .chain import use as use
 from .dataset import STILL_DEGC_PER_MIN as STILL_DEGC_PER_MIN
 from .dataset import Dataset as Dataset
+from .dataset import Disturbance as Disturbance
 from .dataset import Segment as Segment
 from .dataset import refuse_mixed as refuse_mixed
 from .dataset import refuse_twice as refuse_twice

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -78,6 +79,14 @@ class Finer:
         return Finer(self.record, self.first, (*self.then, rows))
 
 
+class Disturbance(NamedTuple):
+    """Rows of a run between two times [s] that stand out by `height_dph` [deg/h]."""
+
+    from_s: float
+    to_s: float
+    height_dph: float
+
+
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """Channels of one run on one time base, shape (n,) each; NaN is a gap.
@@ -108,6 +117,8 @@ class Dataset:
     """Which output of the unit `rate` is."""
     outliers: Mapping[str, int] = field(default_factory=dict)
     """Single readings of a channel that stood out, and were left out when the run was read."""
+    disturbed: tuple[Disturbance, ...] | None = None
+    """Stretches that stood out, of which the rate was left out; None before anybody looked for them."""
     moved: frozenset[str] = frozenset()
     """Channels that were replaced since: their finer rows are of another channel."""
 

@@ -131,6 +131,26 @@ def test_spikes_of_a_check_run_count_and_are_told():
     assert "× without rows with spikes: 3)" in verdict.sentence
 
 
+@pytest.mark.parametrize("struck", ["run", "check"])
+def test_a_disturbance_is_in_no_fit_and_no_error_but_in_the_peak(struck):
+    """A hand at the chamber for five minutes: 5 deg/h, at temperatures that the run has elsewhere, too."""
+    runs = {"run": record(0, name="run"), "check": record(1, name="check")}
+    plain = compare(runs["run"], [spline(24)], 0.2, runs["check"])
+    away = 5.0 * ((np.arange(720) >= 300) & (np.arange(720) < 310))
+    runs[struck] = with_bias(runs[struck], runs[struck].bias + away, struck)
+    found = compare(runs["run"], [spline(24)], 0.2, runs["check"])
+    (one,), (other,) = found.scores, plain.scores
+    assert one.rms_dph == pytest.approx(other.rms_dph, rel=0.02)
+    assert one.held_out.rms_dph == pytest.approx(other.held_out.rms_dph, rel=0.02)
+    assert one.fit.rows == pytest.approx(other.fit.rows - (10 if struck == "run" else 0), abs=2)
+    assert (one.held_out.peak_dph > 4.5) == (struck == "check")
+    (told,) = found.left_out
+    assert told.startswith(f"{struck} from ")
+    assert told in found.warnings
+    assert found.to_json()["left_out"] == [told]
+    assert plain.left_out == ()
+
+
 def test_an_automatic_spline_is_compared_as_what_it_chose():
     (score,) = compare(record(), [load_model("spline"), Model("auto", (effects.make("spline"),))], 0.2).scores[1:]
     assert isinstance(score.model.effects[0].intervals, int)

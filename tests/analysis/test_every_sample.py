@@ -117,6 +117,19 @@ def test_a_fit_to_every_sample_is_the_fit_to_the_rows(run, effects):
         assert found.theta == means.theta
 
 
+def test_samples_of_a_disturbance_are_in_no_sum(tmp_path):
+    made = ramp_run(CYCLE)
+    plain = RunFolder(make_run(tmp_path / "plain", **made))
+    time = made["columns"]["time"]
+    inside = (time >= 4500.0) & (time < 4800.0)
+    made["columns"]["rate"] = made["columns"]["rate"] + 20.0 * inside
+    struck = RunFolder(make_run(tmp_path / "struck", **made))
+    model = Model("m", (Spline(24),))
+    one, other = (read([model], [as_record(folder)])[0].fit([as_record(folder)]) for folder in (plain, struck))
+    assert other.rows == pytest.approx(one.rows - inside.sum(), abs=60)
+    assert other.rms_dph == pytest.approx(one.rms_dph, rel=0.03)
+
+
 def test_heating_alone_is_fitted_from_the_blocks_that_heat(run):
     both, heating = read([Model("m", (Polynomial(),)), Model("m", (Polynomial(),), "heating")], [as_record(run)])
     assert 0 < heating.solved().rows < both.solved().rows

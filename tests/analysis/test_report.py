@@ -20,10 +20,11 @@ from bench.analysis.judging.calibration import calibration
 from bench.analysis.judging.cautions import cautions
 from bench.analysis.judging.completeness import Completeness
 from bench.analysis.judging.judge import _best, analyse
+from bench.analysis.judging.stored import source_of
 from bench.analysis.judging.verdict import RunVerdict, judge, with_diagnosis
 from bench.base.errors import InputError
 from bench.deliver.report.sections_run import losses
-from bench.record import Capture, Dataset, UnitClock, load
+from bench.record import CalibrationRecord, Capture, Dataset, UnitClock, load
 from tests.support.report_runs import clean, disturbed, looped, quick
 from tests.support.run_folders import ARW, CYCLE, UNIT, make_run, ramp_run, truth_dph
 
@@ -350,3 +351,14 @@ def test_a_host_that_was_overloaded_is_a_warning_and_the_clock_of_the_unit_is_to
     assert "the fastest frames lie within 1.2 ms of that line" in html
     assert "No frame waited longer than 3.200 s for the capture." in html
     assert "its clock runs" not in str(losses(whole).html)
+
+
+def test_the_calibration_of_a_disturbed_run_is_without_the_disturbance(tmp_path: Path) -> None:
+    made = ramp_run()
+    time = made["columns"]["time"]
+    made["columns"]["rate"] = made["columns"]["rate"] + 20.0 * ((time >= 4500.0) & (time < 4800.0))
+    analysis = quick(make_run(tmp_path / "run", **made), "spline")
+    (told,) = [text for text in analysis.warnings if "no channel moves with it" in text]
+    assert told in CalibrationRecord.read(analysis.run.path).calibration.warnings
+    fit = source_of(analysis.run.path).fit
+    assert fit.rms_dph == analysis.best.fit.rms_dph < 1.0

@@ -37,7 +37,7 @@ from tests.support.run_folders import make_run, ramp_run
 REPORT = """run verdict sentence complete model rms_dph held_out_rms_dph held_out_by floor_dph bias_span_dph
     uncompensated_rms_dph samples missing_samples losses left_out admissible gaps warnings diagnosis report state
     notes views registry"""
-COMPARE = "runs check floor_dph interval_s models refused"
+COMPARE = "runs check floor_dph interval_s models refused left_out"
 DIAGNOSE = """verdict proved nearest contradicted sentence runs check static sisters model floor_dph rms_dph
     held_out_rms_dph held_out_by floor_ratio where suspects formulas kernel surface next_experiment
     unexplained threshold not_excited smallest_detectable noise_finding resolution notes"""

@@ -17,11 +17,11 @@ from bench.analysis.diagnosis.proof import visited_again, without_states
 from bench.analysis.diagnosis.scores import Comparison, Counted, HeldOut, Score, SegmentScore
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
+from bench.analysis.fit.disturbances import left_out_words, undisturbed
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
-from bench.analysis.noise.spikes import regular
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
-from bench.base import BoolArray, FloatArray, InputError, IntArray, shared, usual_workers
+from bench.base import BoolArray, FloatArray, InputError, IntArray, despike, shared, usual_workers
 from bench.record import Dataset, refuse_mixed
 
 ROTATION = "scale factor"
@@ -95,6 +95,7 @@ def compare(
     refuse_unfit(checks)
     if not lot:
         refuse_mixed((*records, *checks))
+    records, checks = (tuple(map(undisturbed, some)) for some in (records, checks))
     with one_blas_thread():
         fits = shared([partial(_fitted, model, records) for model in models], usual_workers())
         known = [(model, fit) for model, fit in zip(models, fits, strict=True) if isinstance(fit, Fit)]
@@ -110,7 +111,8 @@ def compare(
     refused = [(name, str(error)) for name, error in failed]
     names = tuple(tuple(record.name for record in group) for group in (records, checks))
     interval_s = records[0].interval_s if records else np.nan
-    return Comparison(names[0], names[1], floor_dph, interval_s, tuple(scores), tuple(refused))
+    left_out = left_out_words((*records, *checks))
+    return Comparison(names[0], names[1], floor_dph, interval_s, tuple(scores), tuple(refused), left_out)
 
 
 def _fitted(model: Model, records: tuple[Dataset, ...]) -> Fit | InputError:
@@ -183,24 +185,25 @@ def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
     if "temperature" not in fit.validity:
         return found
     fitted, weights = np.array(fit.validity["temperature"]), [check.count("rate") for check in checks]
-    plain = _plain(checks, residuals)
+    plain = _plain(residuals)
     return replace(found, shape_dph=visited_again(fitted, checks, plain, weights).rms_dph)
 
 
 def error_of(
     by: str, records: tuple[Dataset, ...], residuals: tuple[FloatArray, ...], out_of_range: float = 0.0
 ) -> HeldOut:
-    """Error of residuals (n,) [deg/h] of records that the fit did not see."""
-    rms, interval, peak = _rms(records, residuals), _interval(records, residuals), _peak(residuals)
-    plain = _plain(records, residuals)
+    """Error of residuals (n,) [deg/h] of records that the fit did not see; its peak is that of disturbances, too."""
+    heights = [abs(one.height_dph) for record in records for one in record.disturbed or ()]
+    rms, interval, peak = _rms(records, residuals), _interval(records, residuals), max([_peak(residuals), *heights])
+    plain = _plain(residuals)
     spikes = sum(int(np.isfinite(r).sum() - np.isfinite(p).sum()) for r, p in zip(residuals, plain, strict=True))
     without = _rms(records, plain) if spikes else rms
     return HeldOut(by, rms, interval, peak, out_of_range, spikes=spikes, plain_dph=without)
 
 
-def _plain(records: Sequence[Dataset], residuals: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-    """Residuals (n,) of records without spikes, and stretches that stand out."""
-    return tuple(np.where(regular(*own)[0], own[1], np.nan) for own in zip(records, residuals, strict=True))
+def _plain(residuals: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
+    """Residuals (n,) without spikes."""
+    return tuple(np.where(despike(own), own, np.nan) for own in residuals)
 
 
 def _left_out(

@@ -47,6 +47,7 @@ from bench.analysis.diagnosis.verdict import Explanation, Search
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import fit_rows
+from bench.analysis.fit.disturbances import left_out_words, undisturbed
 from bench.analysis.fit.fitting import Fit, refuse_stuck, refuse_unfit
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import Noise, profile_noise
@@ -102,8 +103,9 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
     for record in (*own, *sisters):
         refuse_stuck(record)
     refuse_unfit(check)
+    runs, check = (tuple(map(undisturbed, some)) for some in (runs, check))
     with one_blas_thread():
-        case = _Case.of(tuple(runs), model, static, candidates, floor_dph, sisters)
+        case = _Case.of(runs, model, static, candidates, floor_dph, sisters)
         if surface:
             channels_of(case.layout, surface)
         check = [without_pauses(run) for run in check]
@@ -111,8 +113,8 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
         lost = sum(
             int(np.isnan(new.bias).sum() - np.isnan(run.bias).sum()) for new, run in zip(unspiked, check, strict=True)
         )
-        if lost:
-            case = replace(case, notes=(*case.notes, f"rows with spikes in the check runs, left out: {lost}"))
+        spiked = (f"rows with spikes in the check runs, left out: {lost}",) if lost else ()
+        case = replace(case, notes=(*case.notes, *left_out_words((*runs, *check)), *spiked))
         answer = case.diagnosis(unspiked, seed, usual_workers() if workers is None else workers)
         return case.shown(answer, surface)
 
@@ -145,7 +147,7 @@ class _Case:
             notes.append(f"the model is meant for '{model.rows}' rows; for the diagnosis it was fitted to all rows")
         if len({round(run.interval_s, 6) for run in runs}) > 1:
             raise InputError("the runs are averaged over different intervals; load them with the same one")
-        runs, fit, fitting = first_fit(replace(model, rows="all"), runs)
+        fit, fitting = first_fit(replace(model, rows="all"), runs)
         notes += fitting
         plain = [despike(r) for r in fit.residuals]
         kept = [own & ~after_pauses(run) for own, run in zip(plain, runs, strict=True)]

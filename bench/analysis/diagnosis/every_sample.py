@@ -13,6 +13,7 @@ import numpy as np
 from bench.analysis.diagnosis.compare import interval_of, segment_name
 from bench.analysis.diagnosis.scores import Comparison, HeldOut, Score, SegmentScore
 from bench.analysis.effects.model import Model
+from bench.analysis.fit.disturbances import left_out_words, undisturbed
 from bench.analysis.fit.every_sample import FOLDS, Pass, SampledRun, read
 from bench.analysis.fit.fitting import refuse_unfit
 from bench.analysis.fit.normal import left_out
@@ -45,7 +46,8 @@ def compare_every_sample(
                 refused.append((model.name, str(error)))
     runs = tuple(record.means.name for record in records)
     interval_s = scores[0].fit.interval_s if scores else np.nan
-    return Comparison(runs, (), floor, interval_s, tuple(scores), tuple(refused))
+    left_out = left_out_words([undisturbed(record.means) for record in records])
+    return Comparison(runs, (), floor, interval_s, tuple(scores), tuple(refused), left_out)
 
 
 def sample_floor(seconds: Sequence[Dataset], floor_dph: float) -> float:

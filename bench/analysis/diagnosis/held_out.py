@@ -13,12 +13,12 @@ from bench.analysis.diagnosis.proof import LeftOut, left_out_of, visited_again, 
 from bench.analysis.diagnosis.suspects import Layout
 from bench.analysis.effects.base import Effect, Theta
 from bench.analysis.fit.design import Bound, FitRows
+from bench.analysis.fit.disturbances import without
 from bench.analysis.fit.fitting import Fit
 from bench.analysis.fit.solve import Solution, left_out, solve
-from bench.analysis.noise.spikes import regular
 from bench.analysis.noise.whitening import Whitener
 from bench.analysis.thresholds import MOST_CONDITION
-from bench.base import BoolArray, FloatArray, InputError
+from bench.base import FloatArray, InputError, despike
 from bench.record import Dataset
 
 
@@ -126,24 +126,19 @@ def acts(effect: Effect, theta: Theta, check: Sequence[Dataset]) -> bool:
 
 
 def without_spikes(fit: Fit, check: Dataset) -> Dataset:
-    """A check run without the means, and short stretches, that stand out of what the fit leaves: as in the fitted runs,
-    they are no error of a model.
+    """A check run without the means that stand out of what the fit leaves: as in the fitted runs, they are no error of
+    a model.
     """
     try:
         left = _residual(fit.bound, check, fit.beta)
     except InputError:  # which every score of this run will tell
         return check
-    return without(check, np.isfinite(left) & ~regular(check, left)[0])
+    return without(check, np.isfinite(left) & ~despike(left))
 
 
 def without_pauses(check: Dataset) -> Dataset:
     """A check run without the rows after its pauses, as the fitted runs."""
     return without(check, after_pauses(check))
-
-
-def without(run: Dataset, rows: BoolArray) -> Dataset:
-    """A run without the rate of some rows (n,)."""
-    return run.with_channel("rate", np.where(rows, np.nan, run.channel("rate"))) if rows.any() else run
 
 
 def _residual(bound: Bound, record: Dataset, beta: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ class HeldOut:
     rms_dph: float = np.nan
     interval_dph: tuple[float, float] = (np.nan, np.nan)
     peak_dph: float = np.nan
-    """Greatest absolute error of a row."""
+    """Greatest absolute error of a row, also of those that were left out as disturbed."""
     out_of_range: float = 0.0
     """Share of the rows that lie outside the range of the rows that were fitted."""
     reason: str = ""
@@ -81,6 +81,14 @@ class Comparison:
     interval_s: float
     scores: tuple[Score, ...]
     refused: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[str, ...] = ()
+    """A sentence for each stretch of the runs that no fit and no error has."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be known of the runs, and of each model."""
+        each = ((score.model.name, text) for score in self.scores for text in score.fit.warnings)
+        return (*self.left_out, *(f"{name}: {text}" for name, text in each if text not in self.left_out))
 
     @property
     def by_counts(self) -> str:
@@ -118,6 +126,7 @@ class Comparison:
             "interval_s": self.interval_s,
             "models": [_score_json(score) for score in self.scores],
             "refused": [{"name": name, "reason": reason} for name, reason in self.refused],
+            "left_out": list(self.left_out),
         }
 
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from bench.analysis.diagnosis.candidates import orthonormal, outside
 from bench.analysis.effects.base import Effect
+from bench.analysis.fit.disturbances import undisturbed
 from bench.analysis.noise.likelihood import Record
-from bench.analysis.noise.spikes import regular
 from bench.analysis.noise.turning import at_rest, scale_columns
 from bench.analysis.thresholds import LEAST_PRESENT, LEAST_STATIC_ROWS, SETTLED_DEGC_PER_MIN
-from bench.base import FloatArray, InputError, IntArray
+from bench.base import FloatArray, InputError, IntArray, despike
 from bench.record import Dataset
 
 _SETTLES_S = 900.0  # of its first part: warm-up and gradients that the thermometer does not see
@@ -40,8 +40,8 @@ class Still:
             )
         rows = np.flatnonzero(still)
         means = at_rest(means, rows)
-        standing = means.select(np.isin(np.arange(len(means)), rows))
-        return cls(means, rows[regular(standing, standing.bias)[0]])  # as the runs are
+        standing = undisturbed(means.select(np.isin(np.arange(len(means)), rows)))
+        return cls(means, rows[despike(standing.bias)])  # as the runs are
 
     @cached_property
     def record(self) -> Record:

@@ -22,6 +22,7 @@ from bench.analysis.effects.spline import Spline, refuse_unvisited
 from bench.analysis.effects.surface import Surface
 from bench.analysis.fit.cells import Cells
 from bench.analysis.fit.design import Bound
+from bench.analysis.fit.disturbances import undisturbed
 from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.fit.gram import SAMPLE, ChebyshevRows, Columns, Gram
 from bench.analysis.fit.normal import Normal, Solved, sandwich, solve
@@ -110,11 +111,15 @@ def read(models: Sequence[Model], records: Sequence[SampledRun]) -> list[Pass | 
     passes = [_attempt(partial(_lay_out, model, records, block_s)) for model in models]
     going = [one for one in passes if isinstance(one, Pass)]
     for run, record in enumerate(records):
+        means = undisturbed(record.means)
         needs = tuple(dict.fromkeys(name for one in going for name in one.state.sums.needs if "." not in name))
         for batch in record.samples.read([name for name in needs if name not in {"time", "rate"}]) if going else ():
+            y = batch.y
+            for part in means.disturbed or ():
+                y = np.where((batch.time >= part.from_s) & (batch.time < part.to_s), np.nan, y)
             for one in going:
                 own = _with_memory(one, run, record, batch.columns)
-                one.state.add(batch.time, own, batch.y, batch.segment, run)
+                one.state.add(batch.time, own, y, batch.segment, run)
     return [_attempt(partial(_settled, one)) if isinstance(one, Pass) else one for one in passes]
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from bench.analysis.effects.base import options_of
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import Bound, FitRows, fit_rows
+from bench.analysis.fit.disturbances import left_out_words, undisturbed
 from bench.analysis.fit.parameters import choose, nonlinear, refuse
 from bench.analysis.fit.quantisation import coarse_temperature
 from bench.analysis.fit.solve import (
@@ -177,7 +178,8 @@ def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
     start: Mapping[str, float] | None = None,
     hold: bool = False,
 ) -> Fit:
-    """Fit a model to runs of one unit; `rows` masks the rows to fit, effects still see the whole record.
+    """Fit a model to runs of one unit; `rows` masks the rows to fit, effects still see the whole record. Stretches in
+    which a run was disturbed are left out (see `disturbances`).
 
     `weights` of an earlier fit to at least these rows are taken as they are; the `sandwich` assumes no noise, and its
     estimate is count-weighted. `start` (the `theta` of an earlier fit) replaces the grid search, and with `hold` all
@@ -186,6 +188,7 @@ def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
     """
     records = (datasets,) if isinstance(datasets, Dataset) else tuple(datasets)
     refuse_unfit(records)
+    records = tuple(map(undisturbed, records))
     with one_blas_thread():
         laid_out = choose(fit_rows(model, records, rows))
         if isinstance(weights, NoiseWeights):
@@ -195,7 +198,7 @@ def fit_model(  # noqa: PLR0913 - options of one fit, by keyword
             result = _fitted(counted, covariance, "count" if covariance == "sandwich" else weights)
         steps = coarse_temperature(result.bound, result.beta, result.rms_dph, records)
         stuck = (f"{key} = {result.theta[key]:g} is on its bound: not determined" for key in result.on_bound)
-        return replace(result, warnings=(*steps, *stuck))
+        return replace(result, warnings=(*left_out_words(records), *steps, *stuck))
 
 
 class _Solver:

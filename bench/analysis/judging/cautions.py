@@ -87,10 +87,12 @@ def _of_models(comparison: Comparison | None, best: Score | None) -> Iterator[st
         for model, reason in refused_models(comparison):
             if plain_name(model) not in _COMMON:
                 yield f"model '{model}' was refused: {reason}"
+        yield from comparison.left_out
     if best is None:
         return
     yield from unproven(best)
     if best.held_out.rms_dph > OVERFIT_RATIO * best.rms_dph:
         ratio = number(best.held_out.rms_dph / best.rms_dph, 2)
         yield f"the error of '{best.model.name}' is {ratio} × larger on unseen data than on the data it was fitted to"
-    yield from best.fit.warnings
+    told = comparison.left_out if comparison is not None else ()
+    yield from (text for text in best.fit.warnings if text not in told)

@@ -15,6 +15,7 @@ from bench.analysis.diagnosis.experiment import next_experiment
 from bench.analysis.diagnosis.held_out import unseen, without_pauses, without_spikes
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import FitRows, fit_rows
+from bench.analysis.fit.disturbances import undisturbed
 from bench.analysis.fit.fitting import fit_model
 from bench.base import FloatArray, InputError
 from bench.record import Dataset, DiagnosisRecord
@@ -95,7 +96,7 @@ def improvement_rungs(answer: Diagnosis, runs: Sequence[Dataset], check: Sequenc
     rungs = [Rung(answer.model.name, answer.rms_dph, answer.held_out_rms_dph)]
     if answer.found:
         base = fit_model(answer.model, runs, covariance="none", weights="count")
-        check = [without_spikes(base, without_pauses(run)) for run in check]
+        check = [without_spikes(base, without_pauses(undisturbed(run))) for run in check]
         rows = fit_rows(base.model, tuple(runs), [np.isfinite(residual) for residual in base.residuals])
         theta = np.array(list(base.theta.values()), dtype=np.float64)
         for suspect in sorted(answer.found, key=lambda one: one not in answer.named):

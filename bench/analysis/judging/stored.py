@@ -17,6 +17,7 @@ import numpy as np
 from bench.analysis.effects.model import Model, load_model, model_from
 from bench.analysis.fit.bins import in_bins
 from bench.analysis.fit.design import FitRows, fit_rows
+from bench.analysis.fit.disturbances import undisturbed
 from bench.analysis.fit.fitting import Fit, fit_model
 from bench.analysis.thresholds import LEAST_COVERED_DEGC, MOST_DELIVERED_CONDITION, WIDEST_HOLE
 from bench.base import CHANNELS, FloatArray, InputError
@@ -55,14 +56,14 @@ def source_of(folder: Path, model: str | None = None) -> Source:
     manifest, stored = Manifest.read(folder), CalibrationRecord.read(folder)
     path, content = folder / CalibrationRecord.FILE, stored.calibration
     if model is not None:
-        dataset = load(folder, stored.averaging_s)
+        dataset = undisturbed(load(folder, stored.averaging_s))
         named = load_model(model)
         dataset, wanted = _rows(dataset, named)
         fit = fit_model(wanted, dataset, covariance="sandwich" if named.rows == "bins" else "noise")
     elif content is None:
         raise InputError("holds no calibration: no model could be fitted to this run", path)
     else:
-        fit, dataset = _stored(content, load(folder, stored.averaging_s), path)
+        fit, dataset = _stored(content, undisturbed(load(folder, stored.averaging_s)), path)
     objections = (*_of_run(manifest, stored), *objections_to(fit, dataset))
     return Source(fit, dataset, manifest.unit, objections)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Callable
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,9 @@ _BACK = 0.3  # of its height: the values return to where they were
 _FLAT = 3.0  # robust deviations that its rows are from its height, beside as much
 _BESIDE = 5  # rows before, in and after it, at least
 _MOVES, _SCATTER = 5.0, 0.3  # robust deviations, and deviations of the whole: a channel that changes by more moves
+_NEAR = 0.02  # of the deviation of a channel: it is the same there
 _MOST, _SHARE = 3, 0.1  # stretches of one record, and its rows in them: what comes more often is no accident
+_MOST_EDGES, _MOST_PAIRS = 100, 40  # sharp changes, and stretches between two of them, that are looked at
 _CERTAIN = 8.0  # robust deviations, 5.9 standard deviations: no Gaussian noise reaches them, and a floor keeps its tail
 
 
@@ -30,44 +32,78 @@ class Stretch(NamedTuple):
     height: float
 
 
-def stand_out(values: FloatArray, interval_s: float, channels: Sequence[FloatArray] = ()) -> list[Stretch]:
-    """Stretches of up to 20 minutes in which values (n,) jump away and back within a row or two, and none of the
-    recorded `channels` (n,) moves at both ends: a hand at the chamber, a disturbed line, a loop that lost its lock.
+def stand_out(values: FloatArray, interval_s: float) -> list[Stretch]:
+    """Stretches of up to 20 minutes in which values (n,) jump away and back within a row or two: a hand at the chamber,
+    a disturbed line, a loop that lost its lock.
 
     A thermal effect has no such edges, and a state that changes comes back or stays. Nothing where there are many.
+    """
+    return _few([found for one in jumps(values, interval_s) if (found := _stands(values, *one))], len(values))
+
+
+def stretches(
+    run: Dataset, residual: FloatArray, without: Callable[[BoolArray], FloatArray] | None = None
+) -> list[Stretch]:
+    """Stretches of a run that stand out (see `stand_out`) of what a curve leaves (n,), and that no channel may cause.
+
+    `without` gives what is left (n,) of a curve fitted without some rows (n,): one that follows a stretch hides it.
+    """
+    channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
+    channels.append(run.dT_dt)
+    known, rows, found = np.flatnonzero(np.isfinite(residual)), np.arange(len(run)), list[Stretch]()
+    for first, end in jumps(residual, run.interval_s):
+        left = residual if without is None else without((rows >= first) & (rows < end))
+        one = _stands(left := np.where(despike(left), left, np.nan), first, end)
+        ends = np.searchsorted(known, [first, end]) - 1
+        if one is None or any(all(_moves(c[known], at) for at in (ends[0], ends[1] - 1)) for c in channels):
+            continue
+        if not any(_with(left, channel, one) for channel in channels):
+            found.append(one)
+    return _few(found, len(run))
+
+
+def jumps(values: FloatArray, interval_s: float) -> list[tuple[int, int]]:
+    """Rows, first and end, of stretches of up to 20 minutes that begin and end with sharp changes of values (n,), one
+    up and one down; none where there are many.
     """
     rows = np.flatnonzero(np.isfinite(values))
     known = values[rows]
     if known.size < 4 * _BESIDE or not (noise := deviation(known)):
         return []
-    ends = _edges(known, _EDGE * noise)
-    found = list[Stretch]()
-    for (begin, up), (leave, down) in pairwise(ends):
+    found = list[tuple[int, int]]()
+    for (begin, up), (leave, down) in combinations(_edges(known, _EDGE * noise)[:_MOST_EDGES], 2):
         first, end = begin + 1, leave + _SHARP
-        before, after = known[max(begin - _BESIDE + 1, 0) : begin + 1], known[end : end + _BESIDE]
-        inside = known[begin + _SHARP : leave + 1]
-        if up * down > 0.0 or inside.size < _BESIDE or not after.size or (end - first) * interval_s > _LONGEST_S:
-            continue
-        level = 0.5 * (np.median(before) + np.median(after))
-        height = float(np.median(inside) - level)
-        if abs(height) < _EDGE * noise or abs(np.median(after) - np.median(before)) > _BACK * abs(height):
-            continue
-        if float(np.max(np.abs(inside - level - height))) > _BACK * abs(height) + _FLAT * noise:
-            continue  # a resonance or a transition that is passed has flanks, and a top
-        if not any(_moves(c[rows], begin) and _moves(c[rows], leave) for c in channels):
-            found.append(Stretch(int(rows[first]), int(rows[end - 1]) + 1, height))
-    some = len(found) <= _MOST and sum(one.end - one.first for one in found) <= _SHARE * len(values)
-    return found if some else []
+        long = (end - first) * interval_s > _LONGEST_S
+        if up * down < 0.0 and not long and leave + 1 - begin - _SHARP >= _BESIDE and end < known.size:
+            found.append((int(rows[first]), int(rows[end - 1]) + 1))
+    return found if len(found) <= _MOST_PAIRS else []
 
 
-def regular(run: Dataset, residual: FloatArray) -> tuple[BoolArray, list[Stretch]]:
-    """Rows (n,) of a run to keep, without spikes of a residual (n,) and stretches that stand out; and these."""
-    kept = despike(residual)
-    plain = np.where(kept, residual, np.nan)
-    channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
-    found = stand_out(plain, run.interval_s, channels := [*channels, run.dT_dt])
-    found = [one for one in found if not any(_with(plain, channel, one) for channel in channels)]
-    return kept & _undisturbed(found, len(kept)), found
+def _stands(values: FloatArray, first: int, end: int) -> Stretch | None:
+    """Values (n,) between two jumps as a stretch that stands out, flat, of what was before and after; None: not so."""
+    rows = np.flatnonzero(np.isfinite(values))
+    known, (start, stop) = values[rows], np.searchsorted(rows, [first, end]).tolist()
+    before, after = known[max(start - _BESIDE, 0) : start], known[stop : stop + _BESIDE]
+    inside, noise = known[start + _SHARP - 1 : stop - _SHARP + 1], deviation(known)
+    if not (before.size and after.size and inside.size):
+        return None
+    level = 0.5 * (np.median(before) + np.median(after))
+    height = float(np.median(inside) - level)
+    if abs(height) < _EDGE * noise or abs(np.median(after) - np.median(before)) > _BACK * abs(height):
+        return None
+    # A resonance or a transition that is passed has flanks, and a top.
+    flat = float(np.max(np.abs(inside - level - height))) <= _BACK * abs(height) + _FLAT * noise
+    return Stretch(first, end, height) if flat else None
+
+
+def _few(found: list[Stretch], rows: int) -> list[Stretch]:
+    """Those of these stretches of so many rows that do not overlap, the highest first, where there are few."""
+    kept = list[Stretch]()
+    for one in sorted(found, key=lambda one: -abs(one.height)):
+        if all(one.end <= other.first or other.end <= one.first for other in kept):
+            kept.append(one)
+    found = sorted(kept)
+    return found if len(found) <= _MOST and sum(one.end - one.first for one in found) <= _SHARE * rows else []
 
 
 def _with(residual: FloatArray, channel: FloatArray, one: Stretch) -> bool:
@@ -80,7 +116,8 @@ def _with(residual: FloatArray, channel: FloatArray, one: Stretch) -> bool:
     if not known.size:
         return False
     low, high = np.quantile(known, [0.1, 0.9])
-    alike = residual[~inside & (channel >= low) & (channel <= high) & np.isfinite(residual)]
+    wider = max(0.5 * (_NEAR * float(np.nanstd(channel)) - (high - low)), 0.0)  # where it stands still
+    alike = residual[~inside & (channel >= low - wider) & (channel <= high + wider) & np.isfinite(residual)]
     off = (alike - np.nanmedian(residual)) * np.sign(one.height)
     return alike.size < _BESIDE or bool(np.mean(off > _BACK * abs(one.height)) > _SHARE)
 
@@ -92,21 +129,19 @@ def spiky(rate: FloatArray, rows: int, interval_s: float) -> BoolArray:
     count = known.sum(axis=1)
     mean = np.where(count > 0, np.where(known, means, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
     kept = despike(mean, _CERTAIN)
-    kept &= _undisturbed(stand_out(np.where(kept, mean, np.nan), interval_s * rows), len(mean))
+    for one in stand_out(np.where(kept, mean, np.nan), interval_s * rows):
+        kept[one.first : one.end] = False
     return np.repeat(np.isfinite(mean) & ~kept, rows)[: len(rate)]
 
 
-def _undisturbed(stretches: Sequence[Stretch], rows: int) -> BoolArray:
-    """Rows (n,) of so many that lie in none of the stretches."""
-    kept = np.ones(rows, dtype=bool)
-    for one in stretches:
-        kept[one.first : one.end] = False
-    return kept
-
-
 def _edges(known: FloatArray, limit: float) -> list[tuple[int, float]]:
-    """Last row before each sharp change by more than a limit, and the change; of neighbours the first of its sign."""
+    """Last row before each sharp change by more than a limit, and the change; of neighbours the first of its sign.
+
+    A slope is no such change: that of a curve which follows a stretch in part is steep all about it.
+    """
     change = known[_SHARP:] - known[:-_SHARP]
+    about = np.lib.stride_tricks.sliding_window_view(np.pad(change, _BESIDE, mode="reflect"), 2 * _BESIDE + 1)
+    change = change - np.median(about, axis=1)
     found = list[tuple[int, float]]()
     last = -_SHARP - 1
     for row in np.flatnonzero(np.abs(change) > limit).tolist():

@@ -59,7 +59,7 @@ def _(result: Compared) -> Iterator[str | Table]:
     least = min((score.held_out.rms_dph for score in comparison.scores), default=float("nan"))
     notes += [f"note: {text}" for text in analysis.bound_notes(comparison.floor_dph, least)]
     notes += [f"not fitted: {name}: {reason}" for name, reason in comparison.refused]
-    notes += [f"warning: {score.model.name}: {text}" for score in comparison.scores for text in score.fit.warnings]
+    notes += [f"warning: {text}" for text in comparison.warnings]
     yield from ["", *notes] if notes else []
     if isinstance(result, ComparedSamples):
         reasons = dict.fromkeys(score.fit.weights_reason for score in comparison.scores)

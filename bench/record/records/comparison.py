@@ -70,6 +70,8 @@ class ComparisonRecord(Record):
     interval_s: float | None = None
     models: tuple[ComparedModel, ...] = ()
     refused: tuple[RefusedModel, ...] = ()
+    left_out: tuple[str, ...] = ()
+    """What of the runs no fit and no error has, a sentence for each stretch."""
     verdict: str | None = None
 
     def best(self) -> ComparedModel | None:

@@ -81,6 +81,7 @@ function Standing({ session, analysis, floor, whole }) {
       <${Tile} value=${floor} title=${t("workbench.ladder.floor")} mark="floor" hint=${t(floorWord(last, floor))} />
     </div>`}
     ${last && [["held_out", last.heldOut, last.why], ["floor", floor, analysis.result?.floor_reason]].filter(([, value, why]) => value === null && why).map(([name, , why]) => html`<p key=${name} class="wb-warn small">${t(`workbench.ladder.${name}`)}${sign(": ")}<${Said} text=${why} /></p>`)}
+    ${last && analysis.result?.left_out.map((text) => html`<p key=${text} class="wb-warn small"><${Said} text=${text} whole /></p>`)}
     ${last && html`<${Ladder} rungs=${rungs} floor=${floor} name=${`${runs.runs[0]} ladder`} />`}
     <${BySegment} segments=${analysis.result?.models[0].segments} />
     <${Waiting} job=${analysis}>${t("workbench.analysis.running")}<//>
