@@ -14,10 +14,10 @@ def test_a_noise_floor_above_the_error_is_said_to_be_an_upper_bound(floor_dph, s
         model=SimpleNamespace(name="spline"),
         rms_dph=0.1,
         held_out=SimpleNamespace(rms_dph=0.11),
-        fit=SimpleNamespace(warnings=()),
     )
     comparison = SimpleNamespace(
-        scores=(score,), floor_dph=floor_dph, interval_s=30.0, by_counts="", constants="", spikes="", refused=()
-    )
+        scores=(score,), floor_dph=floor_dph, interval_s=30.0, by_counts="", constants="", spikes="", refused=(),
+        warnings=(),
+    )  # fmt: skip
     texts = [line for line in lines(Compared(comparison)) if isinstance(line, str)]
     assert any("an upper bound here" in text for text in texts) == said
