@@ -21,7 +21,7 @@ from bench.analysis.thresholds import LEAST_INTERVALS
 from bench.base import BoolArray, FloatArray, InputError, number
 from bench.record import DEFAULT_INTERVAL_S, Dataset, Disturbance
 
-_MOST = 3  # stretches of a run that are left out: what comes more often is no accident
+_MOST = 6  # stretches of a run that are left out: what comes more often is no accident
 _known: WeakKeyDictionary[Dataset, Dataset] = WeakKeyDictionary()
 
 
@@ -37,7 +37,10 @@ def undisturbed(run: Dataset) -> Dataset:
     left = means = run.average(max(DEFAULT_INTERVAL_S, run.interval_s))  # the same rows, however long a row is
     half_s, found = means.interval_s / 2.0, list[Disturbance]()
     with one_blas_thread():
-        while len(found) < _MOST and (some := stretches(left, (curve := _Curve(left)).left(), curve.left)):
+        while some := stretches(left, (curve := _Curve(left)).left(), curve.left):
+            if len(found) == _MOST:
+                found.clear()
+                break
             first, end, height = max(some, key=lambda one: abs(one.height))
             found.append(Disturbance(float(means.time[first]) - half_s, float(means.time[end - 1]) + half_s, height))
             left = without(left, _rows(left, found[-1:]))

@@ -19,7 +19,7 @@ _FLAT = 3.0  # robust deviations that its rows are from its height, beside as mu
 _BESIDE = 5  # rows before, in and after it, at least
 _MOVES, _SCATTER = 5.0, 0.3  # robust deviations, and deviations of the whole: a channel that changes by more moves
 _NEAR = 0.02  # of the deviation of a channel: it is the same there
-_MOST, _SHARE = 3, 0.1  # stretches of one record, and its rows in them: what comes more often is no accident
+_MOST, _SHARE = 6, 0.1  # stretches of one record, and its rows in them: what comes more often is no accident
 _MOST_EDGES, _MOST_PAIRS = 100, 40  # sharp changes, and stretches between two of them, that are looked at
 _CERTAIN = 8.0  # robust deviations, 5.9 standard deviations: no Gaussian noise reaches them, and a floor keeps its tail
 
@@ -38,7 +38,10 @@ def stand_out(values: FloatArray, interval_s: float) -> list[Stretch]:
 
     A thermal effect has no such edges, and a state that changes comes back or stays. Nothing where there are many.
     """
-    return _few([found for one in jumps(values, interval_s) if (found := _stands(values, *one))], len(values))
+    rows = np.flatnonzero(np.isfinite(values))
+    pairs = jumps(values[rows], interval_s)
+    found = [_stands(values, int(rows[begin + 1]), int(rows[leave + 1]) + 1) for begin, leave in pairs]
+    return _few([one for one in found if one], len(values))
 
 
 def stretches(
@@ -51,37 +54,33 @@ def stretches(
     channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
     channels.append(run.dT_dt)
     known, rows, found = np.flatnonzero(np.isfinite(residual)), np.arange(len(run)), list[Stretch]()
-    for first, end in jumps(residual, run.interval_s):
-        left = residual if without is None else without((rows >= first) & (rows < end))
-        one = _stands(left := np.where(despike(left), left, np.nan), first, end)
-        ends = np.searchsorted(known, [first, end]) - 1
-        if one is None or any(all(_moves(c[known], at) for at in (ends[0], ends[1] - 1)) for c in channels):
+    for begin, leave in jumps(residual[known], run.interval_s):
+        first, end = int(known[begin + 1]), int(known[leave + 1]) + 1
+        one = _stands(left := residual if without is None else without((rows >= first) & (rows < end)), first, end)
+        if one is None or any(_moves(c[known], begin) and _moves(c[known], leave) for c in channels):
             continue
         if not any(_with(left, channel, one) for channel in channels):
             found.append(one)
     return _few(found, len(run))
 
 
-def jumps(values: FloatArray, interval_s: float) -> list[tuple[int, int]]:
-    """Rows, first and end, of stretches of up to 20 minutes that begin and end with sharp changes of values (n,), one
-    up and one down; none where there are many.
+def jumps(known: FloatArray, interval_s: float) -> list[tuple[int, int]]:
+    """Rows before two sharp changes of values (n,) without gaps, one up and one down, up to 20 minutes apart; none
+    where there are many.
     """
-    rows = np.flatnonzero(np.isfinite(values))
-    known = values[rows]
     if known.size < 4 * _BESIDE or not (noise := deviation(known)):
         return []
     found = list[tuple[int, int]]()
     for (begin, up), (leave, down) in combinations(_edges(known, _EDGE * noise)[:_MOST_EDGES], 2):
-        first, end = begin + 1, leave + _SHARP
-        long = (end - first) * interval_s > _LONGEST_S
-        if up * down < 0.0 and not long and leave + 1 - begin - _SHARP >= _BESIDE and end < known.size:
-            found.append((int(rows[first]), int(rows[end - 1]) + 1))
+        apart = leave - begin
+        if up * down < 0.0 and _BESIDE < apart <= _LONGEST_S / interval_s and leave + _SHARP < known.size:
+            found.append((begin, leave))
     return found if len(found) <= _MOST_PAIRS else []
 
 
 def _stands(values: FloatArray, first: int, end: int) -> Stretch | None:
     """Values (n,) between two jumps as a stretch that stands out, flat, of what was before and after; None: not so."""
-    rows = np.flatnonzero(np.isfinite(values))
+    rows = np.flatnonzero(despike(values))
     known, (start, stop) = values[rows], np.searchsorted(rows, [first, end]).tolist()
     before, after = known[max(start - _BESIDE, 0) : start], known[stop : stop + _BESIDE]
     inside, noise = known[start + _SHARP - 1 : stop - _SHARP + 1], deviation(known)
