@@ -540,6 +540,26 @@ def test_a_disturbance_of_the_run_neither_hides_an_effect_nor_is_one(still):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("then", "of", "size"), [("fades", "tau_s", 400.0), ("returns", "lasts_s", 2400.0)], ids=["shock", "40 minutes"]
+)
+def test_a_shock_and_what_lasts_are_jumps_that_do_not_stay_and_hide_no_effect(still, then, of, size):
+    """Formulas of a dozen parameters took their place."""
+    unit = HiddenUnit(({"mechanism": "temperature_rate"},)).at_strength(2.0, "two_rates")
+    run, check = unit.run("two_rates", seed=1), unit.run("two_rates", seed=2)
+    since = np.clip(run.time - 6000.0, 0.0, None)
+    away = 4.0 * (run.time > 6000.0) * (np.exp(-since / size) if then == "fades" else since < size)
+    run = run.with_channel("rate", run.channel("rate") + away)
+    answer = diagnose([run], SPLINE, check=[check], static=still)
+    named = {suspect.effect: suspect for suspect in answer.named}
+    assert set(named) == {"bias_jump", "temperature_rate"}
+    assert named["bias_jump"].options == {"then": then}
+    found = named["bias_jump"].parameters[of]
+    assert found.value == pytest.approx(size, abs=3.0 * found.std)
+    assert found.std < 0.1 * size
+
+
+@pytest.mark.slow
 def test_a_check_run_without_a_channel_does_not_judge_what_acts_through_it(still):
     def of(seed):
         run = hidden_run(profile="short", seed=seed)

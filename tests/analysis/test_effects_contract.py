@@ -89,6 +89,7 @@ def test_a_channel_that_stands_still_is_refused_by_name(name):
         ("creep", {"initial": "hot"}, "allowed are settled, free"),
         ("aging", {"law": "cubic"}, "allowed are line, logarithm, both"),
         ("bias_jump", {"run": 3}, "run is 3"),
+        ("bias_jump", {"then": "grows"}, "then is 'grows'"),
         ("bias_kink", {"rounding_degc": 0}, "rounding_degc is 0"),
         ("resonance_frequency", {"use": "clock"}, "allowed are term, thermometer"),
         ("surface", {"over": "time"}, "allowed are applied_rate, rate"),

@@ -141,6 +141,19 @@ def test_a_jump_is_a_step_and_the_row_that_holds_it_takes_its_share():
     assert not columns("bias_jump", data, {"run": "another"}, at_h=0.03).any()
 
 
+def test_what_is_left_of_a_jump_that_fades_or_returns_is_its_mean_over_each_row():
+    data = record(np.arange(10) * 30.0 + 15.0)
+    fine = (np.arange(300_000) + 0.5) / 1000.0
+    for then, theta, value in (
+        ("fades", {"tau_s": 70.0}, np.exp(-(fine - 130.0) / 70.0)),
+        ("returns", {"lasts_s": 77.0}, 1.0 * (fine < 207.0)),
+    ):
+        found = columns("bias_jump", data, {"then": then}, at_h=130.0 / 3600.0, **theta)[:, 0]
+        assert_allclose(found, np.where(fine >= 130.0, value, 0.0).reshape(10, -1).mean(axis=1), atol=1e-4)
+        fitted = effects.make("bias_jump", {"then": then}).suited([data])
+        assert not fitted.columns(replace(data, name="another"), {"at_h": 0.03, **theta}).any()
+
+
 def test_a_jump_is_not_replayed_in_a_run_that_it_was_not_fitted_to():
     data = record(np.arange(10) * 30.0 + 15.0)
     fitted = effects.make("bias_jump").suited([data])
@@ -153,7 +166,9 @@ def test_several_runs_get_a_jump_of_their_own_each():
     data = record(np.arange(10) * 30.0 + 15.0)
     later = replace(data, name="later", time=data.time + 600.0)
     shapes = effects.make("bias_jump").suited([data, later]).shapes()
-    assert [shape.run for shape in shapes] == [data.name, "later"]
+    assert [(shape.run, shape.then) for shape in shapes] == [
+        (name, then) for then in ("stays", "fades", "returns") for name in (data.name, "later")
+    ]
     assert shapes[1].parameters[0].low == later.time[2] / 3600.0
     assert not shapes[1].columns(data, {"at_h": 0.1}).any()
 

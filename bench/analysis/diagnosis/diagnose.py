@@ -169,7 +169,7 @@ class _Case:
             notes += left_out
         rows = fit_rows(fit.model, runs, kept)
         layout = Layout(rows, np.array(list(fit.theta.values())), still, others)
-        layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted)
+        layout, offered = offer(layout, catalogued(fit.model, runs) if wanted is None else wanted, fit.residuals)
         notes += offered.notes
         layout, noise = levelled(layout)
         floor = floor_dph

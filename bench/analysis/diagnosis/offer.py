@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations, product
 
 import numpy as np
 
@@ -11,11 +12,16 @@ from bench.analysis.diagnosis.candidates import Candidate
 from bench.analysis.diagnosis.suspects import CHANNELS, Layout
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
+from bench.analysis.effects.bias_jump import BiasJump
 from bench.analysis.effects.catalogue import suspected
 from bench.analysis.effects.model import Model
+from bench.analysis.noise.spikes import sharp
 from bench.analysis.thresholds import LEAST_PRESENT
-from bench.base import InputError
+from bench.base import FloatArray, InputError
 from bench.record import Dataset
+
+_MOST_SHARP = 12  # sharp changes after which a jump is looked for that does not stay
+_FADING_S = (100.0, 250.0, 600.0, 1500.0, 4000.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +34,26 @@ class Offer:
     effects: Mapping[str, Effect]
     refused: Mapping[str, str]
     alike: frozenset[str] = frozenset()
+    sharp_h: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """Times [h] at which the runs change sharply, by their names."""
     notes: tuple[str, ...] = ()
     """How many rows are left out for gaps, and which channels have too many that no effect needs."""
 
     def candidates(self, layout: Layout) -> list[Candidate]:
         """All that the layout's model does not have yet."""
         have = {effect.name for effect in layout.rows.model.effects}
-        return [layout.candidate(e, name, name in self.alike) for name, e in self.effects.items() if e.name not in have]
+        lacking = [(name, effect) for name, effect in self.effects.items() if effect.name not in have]
+        made = [layout.candidate(effect, name, name in self.alike) for name, effect in lacking]
+        grids = {name: self.grid(effect) for name, effect in lacking if isinstance(effect, BiasJump)}
+        return [replace(one, tried=grids.get(one.name) or one.tried) for one in made]
+
+    def grid(self, jump: BiasJump) -> tuple[tuple[float, float], ...]:
+        """When a jump that does not stay may have begun [h], and how fast it may fade, or how long last [s]."""
+        at_h = [at for name, low, high in jump.own for at in self.sharp_h.get(name, ()) if low <= at <= high]
+        if jump.then == "fades":
+            return tuple(product(at_h, _FADING_S))
+        ends = combinations(at_h, 2) if jump.then == "returns" else ()
+        return tuple((begin, 3600.0 * (end - begin)) for begin, end in ends)
 
 
 def catalogued(model: Model, records: Sequence[Dataset]) -> tuple[Effect, ...]:
@@ -57,11 +76,15 @@ def _spline(records: Sequence[Dataset]) -> tuple[Effect, ...]:
     return ()
 
 
-def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
+def offer(layout: Layout, wanted: Sequence[Effect], residuals: Sequence[FloatArray] = ()) -> tuple[Layout, Offer]:
     """Candidates for these effects, in all their shapes, and the layout without rows in which their channels have gaps.
 
-    An effect whose channel is missing, constant or has many gaps is refused with the reason.
+    An effect whose channel is missing, constant or has many gaps is refused with the reason. Where `residuals` (n,) of
+    the runs change sharply a jump may fade or return.
     """
+    pairs = zip(layout.rows.records, residuals, strict=False)
+    sharp_h = {run.name: (run.time[sharp(left)] / 3600.0).tolist() for run, left in pairs}
+    open_ = Offer({}, {}, sharp_h={name: at for name, at in sharp_h.items() if len(at) <= _MOST_SHARP})
     taken: dict[str, Effect] = {}
     refused: dict[str, str] = {}
     alike: set[str] = set()
@@ -74,6 +97,8 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
             refused[effect.name] = reasons[0]
             continue
         for i, shape in enumerate(effect.suited(layout.rows.records).shapes()):
+            if isinstance(shape, BiasJump) and shape.then != "stays" and not open_.grid(shape):
+                continue
             taken[effect.name if i == 0 else f"{effect.name} {i + 1}"] = shape
             if i == 0 and layout.still and shape.by_clock and not shape.parameters and len(shape.amplitudes) == 1:
                 alike.add(name := f"{effect.name} in every run")
@@ -88,7 +113,7 @@ def offer(layout: Layout, wanted: Sequence[Effect]) -> tuple[Layout, Offer]:
     gaps = len(layout.problem.y) - len(ready.problem.y)
     notes = [f"rows with gaps in a channel, left out: {gaps}"] if gaps else []
     notes += [absent[channel] for channel in sorted(seen - needed) if channel in absent]
-    return ready, Offer(taken, refused, frozenset(alike), tuple(notes))
+    return ready, replace(open_, effects=taken, refused=refused, alike=frozenset(alike), notes=tuple(notes))
 
 
 def without_gaps(layout: Layout, channels: Collection[str]) -> Layout:

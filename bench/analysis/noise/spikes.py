@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.base import OUTPUTS, BoolArray, FloatArray, despike, deviation
+from bench.base import OUTPUTS, BoolArray, FloatArray, IntArray, despike, deviation
 from bench.record import Dataset
 
 _LONGEST_S = 1200.0
@@ -62,6 +62,15 @@ def stretches(
         if not any(_with(left, channel, one) for channel in channels):
             found.append(one)
     return _few(found, len(run))
+
+
+def sharp(values: FloatArray) -> IntArray:
+    """Rows of values (n,) before which they change sharply."""
+    rows = np.flatnonzero(despike(values))
+    known = values[rows]
+    if known.size < 4 * _BESIDE or not (noise := deviation(known)):
+        return rows[:0]
+    return rows[[at + 1 for at, _ in _edges(known, _EDGE * noise)]]
 
 
 def jumps(known: FloatArray, interval_s: float) -> list[tuple[int, int]]:
