@@ -53,6 +53,7 @@ from .effects.registry import own_effects as own_effects
 from .effects.registry import register as register
 from .effects.signature import Signature as Signature
 from .effects.signature import signature as signature
+from .fit.disturbances import undisturbed as undisturbed
 from .fit.every_sample import SampledRun as SampledRun
 from .fit.fitting import Coefficient as Coefficient
 from .fit.fitting import Fit as Fit

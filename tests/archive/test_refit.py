@@ -16,6 +16,8 @@ from bench.analysis.effects import registry
 from bench.analysis.effects.model import Model
 from bench.analysis.effects.spline import Spline
 from bench.analysis.fit.fitting import fit_model
+from bench.analysis.fit.from_moments import solve_moments
+from bench.analysis.fit.moments import Moments
 from bench.archive.fleet import collect, engines, moments_file
 from bench.archive.fleet.moments_file import Stored
 from bench.archive.fleet.refit import _lost, refit_group, refit_unit, refits, write_records
@@ -304,6 +306,16 @@ def test_what_other_processes_read_is_what_one_reads_bit_for_bit(twenty, tmp_pat
         assert gathered(twenty, target, engine).fresh == 20
     assert files[0].read_bytes() == files[1].read_bytes()
     assert not list(tmp_path.glob("*.parts"))
+
+
+def test_what_disturbed_a_run_is_in_no_moments(tmp_path):
+    made = ramp_run()
+    made["columns"]["rate"] += 20.0 * (np.abs(made["columns"]["time"] - 4650.0) < 150.0)
+    run = make_run(tmp_path / "run", **made)
+    (stored,) = collect._moments_of((collect.Due("U", "run", "", str(run)),))
+    solved = solve_moments(MODEL, Moments.unpack(stored.values))
+    assert solved.rms_dph == pytest.approx(fit_model(MODEL, load(run), weights="count").rms_dph, rel=1e-6)
+    assert solved.rms_dph < 1.0
 
 
 def test_a_collection_that_is_interrupted_goes_on_with_the_runs_that_were_in_work(twenty, tmp_path):

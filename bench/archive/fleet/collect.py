@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bench.analysis import Moments, one_blas_thread
+from bench.analysis import Moments, one_blas_thread, undisturbed
 from bench.archive.fleet import moments_file
 from bench.archive.fleet.engines import Engine, Work
 from bench.archive.fleet.moments_file import Stored
@@ -100,7 +100,7 @@ def _moments_of(group: tuple[Due, ...]) -> list[Stored | str]:
 
 def _moments(one: Due) -> Stored | str:
     try:
-        return Stored(one.unit, one.run, one.sha256, Moments.of([load(Path(one.folder))]).pack())
+        return Stored(one.unit, one.run, one.sha256, Moments.of([undisturbed(load(Path(one.folder)))]).pack())
     except (BenchError, OSError) as error:
         return str(error)
     except Exception as bug:
