@@ -62,8 +62,8 @@ class BiasJump(Effect):
 
     @property
     def rarity(self) -> float:
-        """One that returns has a second sharp place."""
-        return 1.0 if self.then == "returns" else 0.0
+        """One that does not stay follows any rest about a sharp change: it is to be plain."""
+        return 0.0 if self.then == "stays" else 3.0
 
     def suited(self, records: Sequence[Dataset]) -> BiasJump:
         """The time within the record, two rows from its ends."""
