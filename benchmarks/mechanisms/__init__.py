@@ -5,10 +5,22 @@ from __future__ import annotations
 from inspect import isfunction, signature
 from types import ModuleType
 
-from benchmarks.mechanisms import blind, first, fourth, gyros, likely, machines, second, solids, textbooks, third
+from benchmarks.mechanisms import (
+    blind,
+    causes,
+    first,
+    fourth,
+    gyros,
+    likely,
+    machines,
+    second,
+    solids,
+    textbooks,
+    third,
+)
 from benchmarks.mechanisms.world import Truth
 
-GROUPS = (first, second, third, fourth, textbooks, solids, machines, gyros, blind, likely)
+GROUPS = (first, second, third, fourth, textbooks, solids, machines, gyros, blind, likely, causes)
 
 
 def truths(module: ModuleType) -> dict[str, Truth]:
