@@ -515,13 +515,19 @@ def test_a_channel_that_is_mostly_gaps_is_not_looked_at_and_told(still):
 
 
 @pytest.mark.slow
-def test_an_isothermal_run_that_was_disturbed_tells_the_noise_all_the_same(still):
-    """Somebody leant on the chamber for ten minutes: the floor was 24 times the residual, and "the run drifts more"."""
+@pytest.mark.parametrize("how", ["leant on", "knocked"])
+def test_an_isothermal_run_that_was_disturbed_tells_the_noise_all_the_same(still, how):
+    """Somebody leant on the chamber for ten minutes, or knocked at it: the floor was 24 times the residual, and "the
+    run drifts more".
+    """
     run = hidden_run(profile="short", seed=3)
-    leant = still.with_channel("rate", still.channel("rate") + 3.0 * (np.abs(np.arange(len(still)) - 120) < 10))
-    plain, answer = (diagnose([run], SPLINE, static=one, candidates=FEW) for one in (still, leant))
+    since = np.arange(len(still)) - 110.0
+    leant, knocked = 3.0 * (since < 20.0), 5.0 * np.exp(-np.clip(since, 0.0, None) / 13.0)
+    away = np.where(since >= 0.0, leant if how == "leant on" else knocked, 0.0)
+    moved = still.with_channel("rate", still.channel("rate") + away)
+    plain, answer = (diagnose([run], SPLINE, static=one, candidates=FEW) for one in (still, moved))
     assert (answer.verdict, answer.noise_finding) == (plain.verdict, plain.noise_finding) == ("adequate", "")
-    assert answer.floor_dph == pytest.approx(plain.floor_dph, rel=0.1)
+    assert answer.floor_dph == pytest.approx(plain.floor_dph, rel=0.2)
 
 
 @pytest.mark.slow

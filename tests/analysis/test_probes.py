@@ -131,6 +131,18 @@ def test_what_lasts_longer_stays_or_comes_again_and_again_does_not_stand_out(row
     assert stretches(run, residual) == []
 
 
+def test_at_rest_a_shock_that_fades_stands_out_and_one_that_leaves_a_jump_does_not():
+    run, residual = disturbed(height=0.0)
+    since = np.arange(ROWS) - 200.0
+    shock = np.where(since >= 0.0, np.exp(-np.clip(since, 0.0, None) / 12.0), 0.0)
+    (found,) = stretches(run, residual - 4.0 * shock)
+    assert found.first in {199, 200}
+    assert found.height == pytest.approx(-4.0, abs=0.4)
+    assert 225 < found.end < 270
+    assert stretches(run, residual + 2.0 * shock + 2.0 * (since >= 0.0)) == []
+    assert stretches(run, residual + 4.0 * shock, lambda out: residual + 4.0 * shock) == []  # a crack, where it heats
+
+
 def test_an_error_that_changes_faster_than_its_noise_is_no_spike():
     residual = 0.05 * np.random.default_rng(0).normal(size=500) + 3.0 * np.cos(np.arange(500) / 20.0)
     residual[[40, 300]] += 1.5

@@ -37,7 +37,7 @@ def undisturbed(run: Dataset) -> Dataset:
     left = means = run.average(max(DEFAULT_INTERVAL_S, run.interval_s))  # the same rows, however long a row is
     half_s, found = means.interval_s / 2.0, list[Disturbance]()
     with one_blas_thread():
-        while some := stretches(left, (curve := _Curve(left)).left(), curve.left):
+        while some := stretches(left, (curve := _Curve(left)).left(), curve.left if curve.rows else None):
             if len(found) == _MOST:
                 found.clear()
                 break

@@ -11,7 +11,7 @@ import numpy as np
 from bench.base import OUTPUTS, BoolArray, FloatArray, IntArray, despike, deviation
 from bench.record import Dataset
 
-_LONGEST_S = 1200.0
+_LONGEST_S, _FADED_S = 1200.0, 2400.0  # of a stretch, and of one that fades
 _SHARP = 2  # rows in which a stretch begins, and ends: the first is a mean of both where it begins within it
 _EDGE = 8.0  # robust deviations, of the change over these rows
 _BACK = 0.3  # of its height: the values return to where they were
@@ -19,7 +19,8 @@ _FLAT = 3.0  # robust deviations that its rows are from its height, beside as mu
 _BESIDE = 5  # rows before, in and after it, at least
 _MOVES, _SCATTER = 5.0, 0.3  # robust deviations, and deviations of the whole: a channel that changes by more moves
 _NEAR = 0.02  # of the deviation of a channel: it is the same there
-_MOST, _SHARE = 6, 0.1  # stretches of one record, and its rows in them: what comes more often is no accident
+_MOST, _MOST_ROWS = 6, 0.25  # stretches of one record, and its rows in them: what comes more often is no accident
+_SHARE = 0.1  # of the rows where a channel is as in a stretch: it may be the cause where more stand out, too
 _MOST_EDGES, _MOST_PAIRS = 100, 40  # sharp changes, and stretches between two of them, that are looked at
 _CERTAIN = 8.0  # robust deviations, 5.9 standard deviations: no Gaussian noise reaches them, and a floor keeps its tail
 
@@ -33,14 +34,17 @@ class Stretch(NamedTuple):
 
 
 def stand_out(values: FloatArray, interval_s: float) -> list[Stretch]:
-    """Stretches of up to 20 minutes in which values (n,) jump away and back within a row or two: a hand at the chamber,
-    a disturbed line, a loop that lost its lock.
+    """Stretches at rest of up to 20 minutes in which values (n,) jump away and back within a row or two: a hand at the
+    chamber, a disturbed line, a loop that lost its lock; and of up to 40 minutes in which a shock fades.
 
     A thermal effect has no such edges, and a state that changes comes back or stays. Nothing where there are many.
     """
     rows = np.flatnonzero(np.isfinite(values))
-    pairs = jumps(values[rows], interval_s)
+    known = values[rows]
+    pairs = jumps(known, interval_s)
     found = [_stands(values, int(rows[begin + 1]), int(rows[leave + 1]) + 1) for begin, leave in pairs]
+    if not any(found):
+        found = [_fades(values, first, int(_FADED_S / interval_s)) for first in sharp(values).tolist()]
     return _few([one for one in found if one], len(values))
 
 
@@ -50,17 +54,23 @@ def stretches(
     """Stretches of a run that stand out (see `stand_out`) of what a curve leaves (n,), and that no channel may cause.
 
     `without` gives what is left (n,) of a curve fitted without some rows (n,): one that follows a stretch hides it.
+    Without a curve the run is one at rest. Only there a shock fades: cracks and turns of the temperature look like it.
     """
     channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
     channels.append(run.dT_dt)
     known, rows, found = np.flatnonzero(np.isfinite(residual)), np.arange(len(run)), list[Stretch]()
     for begin, leave in jumps(residual[known], run.interval_s):
         first, end = int(known[begin + 1]), int(known[leave + 1]) + 1
-        one = _stands(left := residual if without is None else without((rows >= first) & (rows < end)), first, end)
-        if one is None or any(_moves(c[known], begin) and _moves(c[known], leave) for c in channels):
-            continue
-        if not any(_with(left, channel, one) for channel in channels):
+        left = residual if without is None else without((rows >= first) & (rows < end))
+        one = _stands(left, first, end)
+        moved = any(_moves(c[known], begin) and _moves(c[known], leave) for c in channels)
+        if one and not moved and not any(_with(left, channel, one) for channel in channels):
             found.append(one)
+    if not found and without is None:
+        for first in sharp(residual).tolist():
+            one, at = _fades(residual, first, int(_FADED_S / run.interval_s)), int(np.searchsorted(known, first)) - 1
+            if one and not any(_moves(c[known], at) or _with(residual, c, one) for c in channels):
+                found.append(one)
     return _few(found, len(run))
 
 
@@ -104,6 +114,28 @@ def _stands(values: FloatArray, first: int, end: int) -> Stretch | None:
     return Stretch(first, end, height) if flat else None
 
 
+def _fades(values: FloatArray, first: int, longest: int) -> Stretch | None:
+    """Values (n,) that jump away at a row and come back by themselves within so many rows; None: they do not."""
+    rows = np.flatnonzero(np.isfinite(values))
+    start = int(np.searchsorted(rows, first))
+    known = values[rows]
+    before, inside = known[max(start - _BESIDE, 0) : start], known[start : start + longest + _BESIDE]
+    if before.size < _BESIDE or inside.size < 2 * _BESIDE:
+        return None
+    noise, off = deviation(known), inside - np.median(before)
+    off *= np.sign(off[np.argmax(np.abs(off[: _SHARP + 1]))])
+    height = float(np.max(off[: _SHARP + 1]))
+    near = _FLAT * noise
+    calm = np.convolve(np.abs(off) <= near, np.ones(_BESIDE), "valid") >= _BESIDE - 1
+    if height < _EDGE * noise or not calm.any() or (back := int(np.argmax(calm))) < 2 * _BESIDE:
+        return None
+    falls = off[int(np.argmax(off[: _SHARP + 1])) : back]
+    alone = float(np.max(falls - np.minimum.accumulate(falls))) <= near + 0.05 * height and falls.min() >= -near
+    sign = float(np.sign(known[start + _SHARP] - np.median(before)))
+    last = min(start + back + back // 2, len(rows)) - 1  # the rest of it is below the noise of a row, not of many
+    return Stretch(first, int(rows[last]) + 1, sign * height) if alone else None
+
+
 def _few(found: list[Stretch], rows: int) -> list[Stretch]:
     """Those of these stretches of so many rows that do not overlap, the highest first, where there are few."""
     kept = list[Stretch]()
@@ -111,7 +143,7 @@ def _few(found: list[Stretch], rows: int) -> list[Stretch]:
         if all(one.end <= other.first or other.end <= one.first for other in kept):
             kept.append(one)
     found = sorted(kept)
-    return found if len(found) <= _MOST and sum(one.end - one.first for one in found) <= _SHARE * rows else []
+    return found if len(found) <= _MOST and sum(one.end - one.first for one in found) <= _MOST_ROWS * rows else []
 
 
 def _with(residual: FloatArray, channel: FloatArray, one: Stretch) -> bool:
