@@ -20,6 +20,7 @@ from drivers.clock import WallClock
 from drivers.errors import LinkError
 from drivers.journal import Damage
 from tests.support import acquisition
+from tests.support.waiting import PATIENCE_S, until
 
 CHAMBER = {
     "map": "watlow_f4t",
@@ -132,7 +133,7 @@ def real(tmp_path):
 
 def poll_until(station, condition):
     """Poll as the sequencer does, without its second of waiting."""
-    deadline_s = time.monotonic() + 20
+    deadline_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline_s
         station.poll()
@@ -160,9 +161,7 @@ def test_what_arrives_last_is_taken_before_the_capture_ends(real):
     poll_until(station, lambda: unit.decoder.samples == 100)
     world.advance(0.2, 0.4)
     (capture,) = station._captures.values()
-    deadline_s = time.monotonic() + 20
-    while capture.health().frames < 240 and time.monotonic() < deadline_s:
-        pass
+    until(lambda: capture.health().frames >= 240)
     station.stop_capture()
     assert unit.decoder.samples == 200
     station.stop_capture()
