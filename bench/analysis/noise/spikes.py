@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -33,45 +33,42 @@ class Stretch(NamedTuple):
     height: float
 
 
-def stand_out(values: FloatArray, interval_s: float) -> list[Stretch]:
-    """Stretches at rest of up to 20 minutes in which values (n,) jump away and back within a row or two: a hand at the
-    chamber, a disturbed line, a loop that lost its lock; and of up to 40 minutes in which a shock fades.
-
-    A thermal effect has no such edges, and a state that changes comes back or stays. Nothing where there are many.
-    """
-    rows = np.flatnonzero(np.isfinite(values))
-    known = values[rows]
-    pairs = jumps(known, interval_s)
-    found = [_stands(values, int(rows[begin + 1]), int(rows[leave + 1]) + 1) for begin, leave in pairs]
-    if not any(found):
-        found = [_fades(values, first, int(_FADED_S / interval_s)) for first in sharp(values).tolist()]
-    return _few([one for one in found if one], len(values))
-
-
-def stretches(
-    run: Dataset, residual: FloatArray, without: Callable[[BoolArray], FloatArray] | None = None
+def stand_out(
+    values: FloatArray,
+    interval_s: float,
+    channels: Sequence[FloatArray] = (),
+    without: Callable[[BoolArray], FloatArray] | None = None,
 ) -> list[Stretch]:
-    """Stretches of a run that stand out (see `stand_out`) of what a curve leaves (n,), and that no channel may cause.
+    """Stretches of up to 20 minutes in which values (n,) jump away and back within a row or two: a hand at the chamber,
+    a disturbed line, a loop that lost its lock; at rest also those of up to 40 minutes in which a shock fades.
 
-    `without` gives what is left (n,) of a curve fitted without some rows (n,): one that follows a stretch hides it.
-    Without a curve the run is one at rest. Only there a shock fades: cracks and turns of the temperature look like it.
+    A thermal effect has no such edges, and a state that changes comes back or stays. None that one of the recorded
+    `channels` (n,) may cause; nothing where there are many. Where `values` are what a curve leaves, `without` gives
+    what is left (n,) of one fitted without some rows (n,): a curve that follows a stretch hides it. A shock does not
+    count there: cracks and turns of the temperature look like it.
     """
-    channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
-    channels.append(run.dT_dt)
-    known, rows, found = np.flatnonzero(np.isfinite(residual)), np.arange(len(run)), list[Stretch]()
-    for begin, leave in jumps(residual[known], run.interval_s):
+    known, rows, found = np.flatnonzero(np.isfinite(values)), np.arange(len(values)), list[Stretch]()
+    for begin, leave in jumps(values[known], interval_s):
         first, end = int(known[begin + 1]), int(known[leave + 1]) + 1
-        left = residual if without is None else without((rows >= first) & (rows < end))
+        left = values if without is None else without((rows >= first) & (rows < end))
         one = _stands(left, first, end)
         moved = any(_moves(c[known], begin) and _moves(c[known], leave) for c in channels)
         if one and not moved and not any(_with(left, channel, one) for channel in channels):
             found.append(one)
     if not found and without is None:
-        for first in sharp(residual).tolist():
-            one, at = _fades(residual, first, int(_FADED_S / run.interval_s)), int(np.searchsorted(known, first)) - 1
-            if one and not any(_moves(c[known], at) or _with(residual, c, one) for c in channels):
+        for first in sharp(values).tolist():
+            one, at = _fades(values, first, int(_FADED_S / interval_s)), int(np.searchsorted(known, first)) - 1
+            if one and not any(_moves(c[known], at) or _with(values, c, one) for c in channels):
                 found.append(one)
-    return _few(found, len(run))
+    return _few(found, len(values))
+
+
+def stretches(
+    run: Dataset, residual: FloatArray, without: Callable[[BoolArray], FloatArray] | None = None
+) -> list[Stretch]:
+    """Stretches of a residual (n,) of a run that stand out of a curve, or at rest, and that no channel may cause."""
+    channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
+    return stand_out(residual, run.interval_s, [*channels, run.dT_dt], without)
 
 
 def sharp(values: FloatArray) -> IntArray:
@@ -123,7 +120,8 @@ def _fades(values: FloatArray, first: int, longest: int) -> Stretch | None:
     if before.size < _BESIDE or inside.size < 2 * _BESIDE:
         return None
     noise, off = deviation(known), inside - np.median(before)
-    off *= np.sign(off[np.argmax(np.abs(off[: _SHARP + 1]))])
+    sign = float(np.sign(off[np.argmax(np.abs(off[: _SHARP + 1]))]))
+    off *= sign
     height = float(np.max(off[: _SHARP + 1]))
     near = _FLAT * noise
     calm = np.convolve(np.abs(off) <= near, np.ones(_BESIDE), "valid") >= _BESIDE - 1
@@ -131,7 +129,6 @@ def _fades(values: FloatArray, first: int, longest: int) -> Stretch | None:
         return None
     falls = off[int(np.argmax(off[: _SHARP + 1])) : back]
     alone = float(np.max(falls - np.minimum.accumulate(falls))) <= near + 0.05 * height and falls.min() >= -near
-    sign = float(np.sign(known[start + _SHARP] - np.median(before)))
     last = min(start + back + back // 2, len(rows)) - 1  # the rest of it is below the noise of a row, not of many
     return Stretch(first, int(rows[last]) + 1, sign * height) if alone else None
 
