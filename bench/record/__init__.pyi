@@ -22,6 +22,7 @@ from .chain import use as use
 from .dataset import STILL_DEGC_PER_MIN as STILL_DEGC_PER_MIN
 from .dataset import Dataset as Dataset
 from .dataset import Disturbance as Disturbance
+from .dataset import Jump as Jump
 from .dataset import Segment as Segment
 from .dataset import refuse_mixed as refuse_mixed
 from .dataset import refuse_twice as refuse_twice

@@ -87,6 +87,15 @@ class Disturbance(NamedTuple):
     height_dph: float
 
 
+class Jump(NamedTuple):
+    """A jump of the bias by `height_dph` [deg/h] at a time of a run [h]; one that fades, or returns, lasts [s]."""
+
+    at_h: float
+    then: str
+    lasts_s: float
+    height_dph: float
+
+
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """Channels of one run on one time base, shape (n,) each; NaN is a gap.
@@ -119,6 +128,8 @@ class Dataset:
     """Single readings of a channel that stood out, and were left out when the run was read."""
     disturbed: tuple[Disturbance, ...] | None = None
     """Stretches that stood out, of which the rate was left out; None before anybody looked for them."""
+    jump: Jump | None = None
+    """A jump that a check run has for itself, where one was looked for and found."""
     moved: frozenset[str] = frozenset()
     """Channels that were replaced since: their finer rows are of another channel."""
 

@@ -23,7 +23,7 @@ WHOLE = (
     "analysis/diagnosis/blocks.py", "analysis/diagnosis/describing.py", "analysis/diagnosis/physics.py",
     "analysis/diagnosis/places.py", "analysis/diagnosis/proof.py", "analysis/diagnosis/notes.py",
     "analysis/diagnosis/needless.py", "analysis/diagnosis/first_fit.py", "analysis/fit/disturbances.py",
-    "analysis/diagnosis/decision.py", "commands/calibration/doubts.py",
+    "analysis/fit/own_jumps.py", "analysis/diagnosis/decision.py", "commands/calibration/doubts.py",
     "web/live/story.py", "web/jobs/lanes.py",
     "web/jobs/workers.py", "web/live/starting.py", "web/people/access.py", "web/imports/imports.py",
     "acquisition/importer/doubts.py", "acquisition/importer/header.py", "acquisition/importer/loggers.py",

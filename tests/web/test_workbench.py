@@ -309,13 +309,19 @@ def test_the_residual_in_a_figure_can_be_keptfrom_all_else(client: httpx.Client,
     assert not [trace for trace in bare["data"] if trace.get("meta") == "residual"]
 
 
-def test_one_error_and_one_floor_whatever_is_shown(client: httpx.Client) -> None:
-    known = done(client, "/analyses", {"runs": [RUN], "models": [SPLINE]})
-    said = set()
-    for view_of in ({"width": 100}, {"width": 2000}, {"from_s": 3000.0, "to_s": 3400.0}):
-        words = done(client, "/figures", {"kind": "time", "runs": [RUN], "model": SPLINE, **view_of})["words"]
-        said.add((re.search(r": ([\d.]+) deg/h RMS", words)[1], re.search(r"oise floor ([\d.]+)", words)[1]))
-    assert said == {(number(known["models"][0]["rms_dph"]), number(known["floor_dph"]))}
+def test_one_error_and_one_floor_whatever_is_shown(client: httpx.Client, store: Path) -> None:
+    struck = run_folders.ramp_run(rate_hz=4.0)
+    time = struck["columns"]["time"]
+    struck["columns"]["rate"] = struck["columns"]["rate"] + 20.0 * ((time >= 4500.0) & (time < 4800.0))
+    run_folders.make_run(store / "SIM-0005" / "struck", **struck, unit="SIM-0005")
+    for runs in ([RUN], ["SIM-0005/struck"]):
+        known = done(client, "/analyses", {"runs": runs, "models": [SPLINE]})
+        said, errors = set(), set()
+        for view_of in ({"width": 100}, {"width": 2000}, {"from_s": 3000.0, "to_s": 3400.0}):
+            words = done(client, "/figures", {"kind": "time", "runs": runs, "model": SPLINE, **view_of})["words"]
+            errors.add(re.search(r": ([\d.]+) deg/h RMS", words)[1])
+            said.add(re.search(r"oise floor ([\d.]+)", words)[1])
+        assert (errors, said) == ({number(known["models"][0]["rms_dph"])}, {number(known["floor_dph"])})
 
 
 def test_data_that_a_model_does_not_fit_are_drawn_all_the_same_and_a_model_that_follows_them_is_there(

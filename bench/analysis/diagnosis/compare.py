@@ -19,6 +19,7 @@ from bench.analysis.effects import registry as effects
 from bench.analysis.effects.model import Model
 from bench.analysis.fit.disturbances import left_out_words, undisturbed
 from bench.analysis.fit.fitting import Fit, fit_model, refuse_unfit
+from bench.analysis.fit.own_jumps import jump_words, with_own_jump
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.thresholds import LEAST_RANGE_DEGC, LEAST_RATES, NEAR_RANGE
 from bench.base import BoolArray, FloatArray, InputError, IntArray, despike, shared, usual_workers
@@ -96,6 +97,7 @@ def compare(
     if not lot:
         refuse_mixed((*records, *checks))
     records, checks = (tuple(map(undisturbed, some)) for some in (records, checks))
+    checks = tuple(with_own_jump(check, records) for check in checks)
     with one_blas_thread():
         fits = shared([partial(_fitted, model, records) for model in models], usual_workers())
         known = [(model, fit) for model, fit in zip(models, fits, strict=True) if isinstance(fit, Fit)]
@@ -111,7 +113,7 @@ def compare(
     refused = [(name, str(error)) for name, error in failed]
     names = tuple(tuple(record.name for record in group) for group in (records, checks))
     interval_s = records[0].interval_s if records else np.nan
-    left_out = left_out_words((*records, *checks))
+    left_out = (*left_out_words((*records, *checks)), *jump_words(checks))
     return Comparison(names[0], names[1], floor_dph, interval_s, tuple(scores), tuple(refused), left_out)
 
 
@@ -135,7 +137,7 @@ def _outside(
     ]
     if plain := fit.counted:
         by_blocks = partial(_left_out, settled, plain, records, *blocks, hold=True)
-        tasks.append(partial(_checked, plain, checks) if checks else by_blocks)
+        tasks.append(partial(checked, plain, checks) if checks else by_blocks)
     return tasks
 
 
@@ -164,14 +166,15 @@ def _score(
         counted=counted,
         rms_dph=_rms(records, residuals),
         interval_dph=_interval(records, residuals),
-        held_out=_checked(fit, checks) if checks else by_blocks,
+        held_out=checked(fit, checks) if checks else by_blocks,
         by_blocks=by_blocks,
         by_segments=by_segments,
         segments=tuple(_segments(records, residuals, floor_dph)),
     )
 
 
-def _checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
+def checked(fit: Fit, checks: tuple[Dataset, ...]) -> HeldOut:
+    """Error of a fit on check runs that it did not see."""
     try:
         predictions = [fit.predict(check) for check in checks]
     except InputError as error:

@@ -49,6 +49,7 @@ from bench.analysis.effects.model import Model
 from bench.analysis.fit.design import fit_rows
 from bench.analysis.fit.disturbances import left_out_words, undisturbed
 from bench.analysis.fit.fitting import Fit, refuse_stuck, refuse_unfit
+from bench.analysis.fit.own_jumps import jump_words, with_own_jump
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.estimate import Noise, profile_noise
 from bench.analysis.noise.floor import noise_floor
@@ -114,7 +115,8 @@ def diagnose(  # noqa: PLR0913 - options of one command, by keyword
             int(np.isnan(new.bias).sum() - np.isnan(run.bias).sum()) for new, run in zip(unspiked, check, strict=True)
         )
         spiked = (f"rows with spikes in the check runs, left out: {lost}",) if lost else ()
-        case = replace(case, notes=(*case.notes, *left_out_words((*runs, *check)), *spiked))
+        unspiked = tuple(with_own_jump(run, runs) for run in unspiked)
+        case = replace(case, notes=(*case.notes, *left_out_words((*runs, *check)), *spiked, *jump_words(unspiked)))
         answer = case.diagnosis(unspiked, seed, usual_workers() if workers is None else workers)
         return case.shown(answer, surface)
 
@@ -236,7 +238,7 @@ class _Case:
                 *constants(base, self.fit.rms_dph, runs),
                 *of_runs(runs, self.fit),
                 *needless(self.fit, self.layout, check, base.left),
-                *of_check(base, improved, self.fit.rms_dph),
+                *of_check(base, improved, self.fit.rms_dph, check),
                 *(slow_floor(self.layout.problem, floor_dph) if decision.word == "adequate" else ()),
             ),
             model=self.fit.model,

@@ -125,7 +125,7 @@ def of_channels(layout: Layout, answer: Diagnosis) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
+def of_check(base: Unseen, improved: Unseen, rms_dph: float, check: Sequence[Dataset] = ()) -> tuple[str, ...]:
     """Notes of what is in the error on the check runs beside what a proof compares, where that matters."""
     notes = []
     if base.outside > _OUTSIDE:
@@ -139,7 +139,7 @@ def of_check(base: Unseen, improved: Unseen, rms_dph: float) -> tuple[str, ...]:
         for which, own in parts[: 1 if improved is base else 2]
         if own.shape_dph < SHAPE_ALONE * np.hypot(own.shape_dph, own.constant_dph)
     ]
-    if apart:
+    if apart and not any(run.jump for run in check):  # which has its own note
         text = f"{listed(apart)} is a constant of the check run, such as its turn-on bias"
         notes.append(f"{text}; what an effect or a formula lowers is stated without it")
     if base.left.by == "check" and base.left.rms_dph > _UNLIKE * rms_dph:

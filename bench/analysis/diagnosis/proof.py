@@ -1,9 +1,10 @@
 """Whether unseen data prove an effect: the error there falls with it, by enough, and by more than noise could do, and
 no other effect in its place does much better.
 
-Unseen are the check runs, each about its own mean (the turn-on bias is not part of the model), or whole legs of the
-runs left out in turn, a leg being all rows between two turning points of the temperature. A leg without which nothing
-determines the effect cannot judge it: the legs are then cut, and their parts left out.
+Unseen are the check runs, each about its own mean (the turn-on bias is not part of the model) and without a jump that
+it has for itself, or whole legs of the runs left out in turn, a leg being all rows between two turning points of the
+temperature. A leg without which nothing determines the effect cannot judge it: the legs are then cut, and their parts
+left out.
 
 With residuals r0 without and r1 with the effect and c = r0 - r1, the square sum falls by D = sum(c (c + 2 r1)). What
 noise does to it has the variance 4 sum_ij c_i c_j gamma(i - j), gamma the autocovariance of r1, tapered: the comparison
@@ -21,6 +22,7 @@ import numpy as np
 
 from bench.analysis.diagnosis.pieces import legs_of
 from bench.analysis.fit.design import FitRows
+from bench.analysis.fit.own_jumps import own_jump
 from bench.analysis.fit.solve import Solution, left_out
 from bench.analysis.thresholds import PROVED_DEVIATIONS, PROVED_FALL
 from bench.base import BoolArray, FloatArray, IntArray, finite, number
@@ -208,7 +210,9 @@ def parts(label: IntArray, count: int = _PARTS) -> IntArray:
 def visited_again(
     fitted: FloatArray, check: Sequence[Dataset], left: Sequence[FloatArray], weights: Sequence[FloatArray]
 ) -> LeftOut:
-    """Residuals `left` (n,) of check runs, each about its own mean, where they are at temperatures that were fitted."""
+    """Residuals `left` (n,) of check runs where they are at temperatures that were fitted, each about its own mean and
+    without its jump.
+    """
     low, high = float(np.min(fitted)), float(np.max(fitted))
     residuals = []
     for record, residual, weight in zip(check, left, weights, strict=True):
@@ -216,7 +220,8 @@ def visited_again(
         inside = np.isfinite(residual) & (temperature >= low) & (temperature <= high)
         if not np.any(inside):
             return LeftOut(reason=f"{record.name} is at no temperature that was fitted")
-        residuals.append(np.where(inside, residual - np.average(residual[inside], weights=weight[inside]), np.nan))
+        alone = without_states(np.where(inside, residual, np.nan), own_jump(record), weight)
+        residuals.append(alone - np.average(alone[inside], weights=weight[inside]))
     return LeftOut("check", np.concatenate(residuals), np.concatenate(weights))
 
 

@@ -36,7 +36,9 @@ class HeldOut:
     """Share of the rows that lie outside the range of the rows that were fitted."""
     reason: str = ""
     shape_dph: float = np.nan
-    """RMS on check runs beside a constant of each, at temperatures that were fitted: what a proof compares."""
+    """RMS on check runs beside a constant of each and its jump, at temperatures that were fitted: what a proof
+    compares.
+    """
     spikes: int = 0
     """Rows that stand out of what is left around them: they count in all errors but `shape_dph` and `plain_dph`."""
     plain_dph: float = np.nan
@@ -82,7 +84,9 @@ class Comparison:
     scores: tuple[Score, ...]
     refused: tuple[tuple[str, str], ...] = ()
     left_out: tuple[str, ...] = ()
-    """A sentence for each stretch of the runs that no fit and no error has."""
+    """A sentence for each stretch of the runs that no fit and no error has, and for each jump of a check run that
+    no `shape_dph` has.
+    """
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ def undisturbed(run: Dataset) -> Dataset:
     left = means = run.average(max(DEFAULT_INTERVAL_S, run.interval_s))  # the same rows, however long a row is
     half_s, found = means.interval_s / 2.0, list[Disturbance]()
     with one_blas_thread():
-        while some := stretches(left, (curve := _Curve(left)).left(), curve.left if curve.rows else None):
+        while some := stretches(left, (curve := Curve(left)).left(), curve.left if curve.rows else None):
             if len(found) == _MOST:
                 found.clear()
                 break
@@ -70,7 +70,7 @@ def _rows(run: Dataset, some: Sequence[Disturbance]) -> BoolArray:
     return inside
 
 
-class _Curve:
+class Curve:
     """A fine curve over temperature through a run; through one at one temperature, none."""
 
     def __init__(self, run: Dataset) -> None:
@@ -84,6 +84,12 @@ class _Curve:
             self.rows, chosen = rows, rows.model.effects[0]
             if isinstance(chosen, Spline) and int(chosen.intervals) >= LEAST_INTERVALS:
                 return
+
+    def columns(self) -> FloatArray:
+        """Its columns (n, k) with a constant; the constant alone where it is none."""
+        if self.rows is None:
+            return np.ones((len(self.run), 1))
+        return self.rows.bind(self.rows.start())[0].columns(self.run)
 
     def left(self, out: BoolArray | None = None) -> FloatArray:
         """What it leaves of the bias (n,) [deg/h], fitted without some rows (n,); the bias itself where it is none."""

@@ -52,13 +52,13 @@ def stand_out(
         first, end = int(known[begin + 1]), int(known[leave + 1]) + 1
         left = values if without is None else without((rows >= first) & (rows < end))
         one = _stands(left, first, end)
-        moved = any(_moves(c[known], begin) and _moves(c[known], leave) for c in channels)
+        moved = any(moves(c[known], begin) and moves(c[known], leave) for c in channels)
         if one and not moved and not any(_with(left, channel, one) for channel in channels):
             found.append(one)
     if not found and without is None:
         for first in sharp(values).tolist():
             one, at = _fades(values, first, int(_FADED_S / interval_s)), int(np.searchsorted(known, first)) - 1
-            if one and not any(_moves(c[known], at) or _with(values, c, one) for c in channels):
+            if one and not any(moves(c[known], at) or _with(values, c, one) for c in channels):
                 found.append(one)
     return _few(found, len(values))
 
@@ -67,15 +67,24 @@ def stretches(
     run: Dataset, residual: FloatArray, without: Callable[[BoolArray], FloatArray] | None = None
 ) -> list[Stretch]:
     """Stretches of a residual (n,) of a run that stand out of a curve, or at rest, and that no channel may cause."""
-    channels = [values for name, values in run.channels.items() if name not in OUTPUTS]
-    return stand_out(residual, run.interval_s, [*channels, run.dT_dt], without)
+    return stand_out(residual, run.interval_s, causes(run), without)
 
 
-def sharp(values: FloatArray) -> IntArray:
-    """Rows of values (n,) before which they change sharply."""
+def causes(run: Dataset) -> list[FloatArray]:
+    """What was recorded beside the outputs of the unit, (n,) each: the channels, and how fast the temperature moves."""
+    return [*(values for name, values in run.channels.items() if name not in OUTPUTS), run.dT_dt]
+
+
+def sharp(values: FloatArray, *, beside_slow: bool = False) -> IntArray:
+    """Rows of values (n,) before which they change sharply, beside how they scatter; `beside_slow` changes, beside how
+    they do from row to row.
+    """
     rows = np.flatnonzero(despike(values))
     known = values[rows]
-    if known.size < 4 * _BESIDE or not (noise := deviation(known)):
+    if known.size < 4 * _BESIDE:
+        return rows[:0]
+    noise = deviation(known[_SHARP:] - known[:-_SHARP]) / np.sqrt(2.0) if beside_slow else deviation(known)
+    if not noise:
         return rows[:0]
     return rows[[at + 1 for at, _ in _edges(known, _EDGE * noise)]]
 
@@ -188,7 +197,7 @@ def _edges(known: FloatArray, limit: float) -> list[tuple[int, float]]:
     return found
 
 
-def _moves(channel: FloatArray, row: int) -> bool:
+def moves(channel: FloatArray, row: int) -> bool:
     """Whether a channel without gaps about there changes sharply, too."""
     change = np.abs(channel[_SHARP:] - channel[:-_SHARP])
     if not np.isfinite(change).any():

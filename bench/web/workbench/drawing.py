@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Noise, error_of
+from bench.analysis import Noise, error_of, undisturbed
 from bench.analysis import ladder as usual_models
 from bench.base import CHANNELS, BoolArray, FloatArray, InputError, finite
 from bench.deliver import (
@@ -96,10 +96,13 @@ class Drawing:
         """Noise floor of 30 s means, as every command says it, whatever is shown; NaN if it is unknown."""
         return computing.floor(self.runs, self.static).floor_dph
 
+    def left(self) -> FloatArray:
+        """Errors of the model (n,) in the whole drawn run in 30 s means [deg/h], NaN where it was disturbed."""
+        return np.asarray(undisturbed(self.data()).bias - self.fitted())
+
     def rms_dph(self) -> float:
         """Error of the model in the whole drawn run in 30 s means, as `bench compare` counts it [deg/h]."""
-        data = self.data()
-        return error_of("run", (data,), (data.bias - self.fitted(),)).rms_dph
+        return error_of("run", (self.data(),), (self.left(),)).rms_dph
 
 
 class EmptyRangeError(InputError):
@@ -190,8 +193,7 @@ def temperature(drawing: Drawing) -> Figure:
     fitted = drawing.fitted(data.interval_s)
     floor_dph = drawing.floor_dph()
     plot = over_temperature(data, fitted, drawing.name, finite(floor_dph), shown)
-    parts, whole = [], drawing.data()
-    left = whole.bias - drawing.fitted()
+    parts, whole, left = [], drawing.data(), drawing.left()
     for sign, (text, _) in DIRECTIONS.items():
         own = _inside(whole, drawing) & (whole.direction == sign) & np.isfinite(left)
         if own.any():
@@ -241,7 +243,7 @@ def _side_by_side(drawing: Drawing) -> Figure:
 def map_(drawing: Drawing) -> Figure:
     """Mean residual over temperature and its rate of change."""
     data = drawing.data()
-    left = data.bias - (drawing.fitted() if drawing.model else np.full(len(data), np.nanmean(data.bias)))
+    left = drawing.left() if drawing.model else data.bias - np.nanmean(data.bias)
     floor_dph = drawing.floor_dph()
     plot = residual_map(data, left, None, finite(floor_dph))
     what = said("map_residual", model=drawing.name) if drawing.model else said("map_bias")
