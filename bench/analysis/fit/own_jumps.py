@@ -12,7 +12,7 @@ from bench.analysis.effects.bias_jump import BiasJump
 from bench.analysis.fit.disturbances import Curve
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.spikes import causes, moves, sharp
-from bench.base import FloatArray, number
+from bench.base import FloatArray, deviation, number
 from bench.record import Dataset, Jump
 
 _MOST_SHARP = 2  # changes of the run: a jump that returns has two
@@ -20,6 +20,7 @@ _FADING_S = tuple(np.geomspace(60.0, 7200.0, 15).tolist())
 _SETTLED = 5  # rows: a run may begin with a transient
 _PLAIN = 40.0  # gain in 2 ln L that a jump needs, and a further parameter of it
 _FURTHER = 15.0
+_HIGH = 4.0  # robust deviations of what is left: slow noise alone gains as much over many rows
 _PARTS = np.arange(-1.5, 1.6, 0.25)  # of a row, from the one before which the rate changes
 _NEAR = 0.1  # of a row, and of how long it lasts
 
@@ -113,8 +114,9 @@ def _best(run: Dataset, at_s: Sequence[float]) -> Jump | None:
         return None
     after = np.full(len(run), np.nan)
     after[known] = left(best)
-    if _sharp(after).size:
-        return None
     column = _column(run, best)[known, 0]
     column -= base @ (base.T @ column)
-    return best._replace(height_dph=float(column @ rest) / float(column @ column))
+    height = float(column @ rest) / float(column @ column)
+    if _sharp(after).size or abs(height) < _HIGH * deviation(after[known]):
+        return None
+    return best._replace(height_dph=height)
