@@ -73,3 +73,10 @@ def test_what_may_be_of_the_unit_is_no_jump_of_the_check_run(unit, what):
     elif what == "four times":
         check = check.with_channel("rate", check.channel("rate") + 5.0 * ((check.time // 3000.0) % 2 == 1))
     assert with_own_jump(undisturbed(check), [undisturbed(run)]).jump is None
+
+
+def test_a_fitted_run_that_was_disturbed_did_not_jump(unit):
+    run, check = unit.run("two_rates", seed=1), unit.run("two_rates", seed=2)
+    away = 5.0 * ((run.time > 3000.0) & (run.time < 3400.0))
+    found = with_own_jump(jumped(check, "stays"), [run.with_channel("rate", run.channel("rate") + away)])
+    assert found.jump.height_dph == pytest.approx(5.0, rel=0.1)

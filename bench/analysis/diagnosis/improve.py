@@ -15,7 +15,6 @@ from bench.analysis.diagnosis.diagnose import diagnose
 from bench.analysis.effects import registry as effects
 from bench.analysis.effects.base import Effect
 from bench.analysis.effects.model import Model, effect_from
-from bench.analysis.fit.disturbances import undisturbed
 from bench.analysis.fit.fitting import fit_model
 from bench.analysis.fit.own_jumps import with_own_jump
 from bench.analysis.fit.solve import one_blas_thread
@@ -115,7 +114,7 @@ def improve(  # noqa: PLR0913 - options of one command, by keyword
     added lowers the error on check runs also where the model is fitted anew with it, as every command will.
     """
     steps: list[Decision] = []
-    kept = partial(_fitted_anew, runs, check)
+    kept = partial(_fitted_anew, runs, tuple(with_own_jump(run, runs) for run in check))
     while True:
         lacking = None if candidates is None else [c for c in candidates if c.name not in _names(model)]
         answer = diagnose(runs, model, check=check, static=static, candidates=lacking, floor_dph=floor_dph)
@@ -164,10 +163,9 @@ def _fitted_anew(runs: Sequence[Dataset], check: Sequence[Dataset], step: Decisi
     """
     if step.action != "added" or not check:
         return step
-    seen = tuple(with_own_jump(undisturbed(run), runs) for run in check)
     with one_blas_thread():
         before, after = (
-            checked(fit_model(model, runs), seen).shape_dph for model in (step.diagnosis.model, step.model)
+            checked(fit_model(model, runs), tuple(check)).shape_dph for model in (step.diagnosis.model, step.model)
         )
     if not after >= before * (1.0 - PAYS):
         return step

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from bench.analysis.effects.bias_jump import BiasJump
-from bench.analysis.fit.disturbances import Curve
+from bench.analysis.fit.disturbances import Curve, undisturbed
 from bench.analysis.fit.solve import one_blas_thread
 from bench.analysis.noise.spikes import causes, moves, sharp
 from bench.base import FloatArray, deviation, number
@@ -32,17 +32,18 @@ def with_own_jump(check: Dataset, fitted: Sequence[Dataset]) -> Dataset:
     """
     if not (check.has("rate") and check.has("temperature")):
         return check
+    check = undisturbed(check)
     with one_blas_thread():
-        rows = _sharp(Curve(check).left())
+        rows = _sharp((curve := Curve(check)).left())
         if (
             not 0 < len(rows) <= _MOST_SHARP
             or rows[0] < _SETTLED
-            or any(_sharp(Curve(run).left()).size for run in fitted)
+            or any(_sharp(Curve(undisturbed(run)).left()).size for run in fitted)
         ):
             return check
         if any(moves(channel, row - 1) for channel in causes(check) for row in rows.tolist()):
             return check
-        found = _best(check, [float(check.time[row]) for row in rows])
+        found = _best(curve, [float(check.time[row]) for row in rows])
     return check if found is None else replace(check, jump=found)
 
 
@@ -82,21 +83,23 @@ def _column(run: Dataset, jump: Jump) -> FloatArray:
     return BiasJump(then=jump.then).columns(run, theta)
 
 
-def _best(run: Dataset, at_s: Sequence[float]) -> Jump | None:
-    """The plainest jump at these times that leaves no sharp change; None: there is none."""
-    plain = np.column_stack([Curve(run).columns(), run.dT_dt])  # the commonest of what else moves the bias
+def _best(curve: Curve, at_s: Sequence[float]) -> Jump | None:
+    """The plainest jump at these times of the run of a curve that leaves no sharp change; None: there is none."""
+    run = curve.run
+    plain = np.column_stack([curve.columns(), run.dT_dt])  # the commonest of what else moves the bias
     known = np.isfinite(run.bias) & np.isfinite(plain).all(axis=1)
     base, y = np.linalg.qr(plain[known])[0], run.bias[known]
 
-    def left(jump: Jump) -> FloatArray:
-        """What base and jump leave (m,)."""
+    def fitted(jump: Jump) -> tuple[float, FloatArray]:
+        """Height of the jump beside the base, and what both leave (m,)."""
         column = _column(run, jump)[known, 0]
         column -= base @ (base.T @ column)
         size = float(column @ column)
-        return rest if size < 1e-9 else rest - column * float(column @ rest) / size
+        height = 0.0 if size < 1e-9 else float(column @ rest) / size
+        return height, rest - column * height
 
     def misfit(jump: Jump) -> float:
-        return len(y) * float(np.log(np.sum(left(jump) ** 2)))
+        return len(y) * float(np.log(np.sum(fitted(jump)[1] ** 2)))
 
     rest, best = y - base @ (base.T @ y), None
     least = len(y) * float(np.log(rest @ rest)) - _PLAIN
@@ -112,11 +115,9 @@ def _best(run: Dataset, at_s: Sequence[float]) -> Jump | None:
             best, least = one, misfit(one) + further
     if best is None:
         return None
+    height, left = fitted(best)
     after = np.full(len(run), np.nan)
-    after[known] = left(best)
-    column = _column(run, best)[known, 0]
-    column -= base @ (base.T @ column)
-    height = float(column @ rest) / float(column @ column)
-    if _sharp(after).size or abs(height) < _HIGH * deviation(after[known]):
+    after[known] = left
+    if _sharp(after).size or abs(height) < _HIGH * deviation(left):
         return None
     return best._replace(height_dph=height)
